@@ -98,18 +98,17 @@ def _enter(contacts, springs, model, ramp, row, i):
 
 
 @inlined
-def _enter_spring(springs, ends, e, ramp, k):
-    """Enter the spring before the contact of a row; k is the end of it at the contact before, -1 if there is none."""
-    e.spring = e.run = -1
+def _enter_spring(springs, e, ramp, j, sign):
+    """Enter the spring before the contact of a row, its index and its sign along the path; -1 if there is none."""
+    e.spring, e.run, e.sign = j, -1, sign
     e.trial = e.compliance = 0.0
-    if k >= 0:
-        end = ends[k]
-        spring = springs[end.spring]
-        e.spring, e.sign, e.compliance = end.spring, end.sign, spring.compliance
+    if j >= 0:
+        spring = springs[j]
+        e.compliance = spring.compliance
         if not ramp.falling:
-            e.trial = -end.sign * spring.stiffness * spring.d_length
+            e.trial = -sign * spring.stiffness * spring.d_length
         if ramp.stepping:
-            e.trial = ramp.part * e.trial + end.sign * spring.tension
+            e.trial = ramp.part * e.trial + sign * spring.tension
 
 
 @lean
@@ -149,7 +148,7 @@ def _find_path(contacts, springs, model, ramp, i):
     if k >= 0:
         before = _end_at(contacts[ends[k].other], ends, came)
     while True:
-        _enter_spring(springs, ends, model.block[count], ramp, before)
+        _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, ends[before].sign)
         _enter(contacts, springs, model, ramp, count, here)
         count += 1
         before = _leave_by(contacts[here], springs, model, came)
@@ -163,7 +162,7 @@ def _find_path(contacts, springs, model, ramp, i):
         if o.last - o.first > 2 or o.mark == ramp.block:
             return 0
         here = ends[before].other
-    _enter_spring(springs, ends, model.block[count], ramp, before)
+    _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, ends[before].sign)
     ramp.path = count
     ramp.anchored = ramp.before >= 0 or ramp.behind >= 0
     return count
@@ -212,11 +211,11 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
             enter_run(contacts, runs, e, k)
             first = e.contact + 1
         else:
-            _enter_spring(springs, model.ends, e, ramp, contacts[first - 1].first if count > 0 or joined_before else -1)
+            _enter_spring(springs, e, ramp, first - 1 if count > 0 or joined_before else -1, 1.0)
             _enter(contacts, springs, model, ramp, count, first)
             first += 1
         count += 1
-    _enter_spring(springs, model.ends, model.block[count], ramp, contacts[last].first if joined_behind else -1)
+    _enter_spring(springs, model.block[count], ramp, last if joined_behind else -1, 1.0)
     return count
 
 

@@ -119,16 +119,9 @@ def _hold_sides(contacts, springs, model, ramp, count):
             _touch_wall(contacts, springs, model, ramp, ramp.behind)
 
 
-@lean
-def solve_around(contacts, springs, model, ramp, i):
+@inlined
+def _solve_around(contacts, springs, model, ramp, i):
     """Solve for the rates of the block around contact i at s, and update all that depends on them.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ramp: the RAMP.
-        i: the contact.
 
     Returns:
         False if no rates were found.
@@ -150,6 +143,29 @@ def solve_around(contacts, springs, model, ramp, i):
         _hold_sides(contacts, springs, model, ramp, count)
         time_knots(contacts, springs, model, model.curves, ramp, count)
         fall_asleep(contacts, springs, model.block, model.runs, ramp, count)
+    return True
+
+
+@lean
+def solve_listed(contacts, springs, model, ramp, count):
+    """Solve for the rates of the blocks around the listed contacts at s, and update all that depends on them.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        ramp: the RAMP.
+        count: how many contacts are listed. Those inside their bounds are in no block, except in an implicit step.
+
+    Returns:
+        False as soon as no rates are found.
+    """
+    before = ramp.block
+    for j in range(count):
+        i = model.block[j].hit
+        if ramp.stepping or (contacts[i].at != 0 and contacts[i].mark <= before):
+            if not _solve_around(contacts, springs, model, ramp, i):
+                return False
     return True
 
 
@@ -263,12 +279,9 @@ def _give_up(contacts, springs, model, ramp, count):
 @merged
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
-    before = ramp.block
     ramp.undetermined = ramp.loose = 0
-    for j in range(count):
-        i = model.block[j].hit
-        if contacts[i].at != 0 and contacts[i].mark <= before and not solve_around(contacts, springs, model, ramp, i):
-            return ramp.due > 0
+    if not solve_listed(contacts, springs, model, ramp, count):
+        return ramp.due > 0
     _touch_stopped(contacts, springs, model, ramp, count)
     return True
 

@@ -29,15 +29,15 @@ def _begin_bounds(contacts, ground, ramp, target, springs):
         return begin_on_ground(contacts, ground, ramp, target, springs)
     n = contacts.shape[0]
     loaded = target.shape[0] > springs + 2 * n
-    changed = False
-    ramp.span = 0.0
+    changed, span = False, 0.0
     for i in range(n):
         c = contacts[i]
-        ramp.span = max(ramp.span, abs(c.x))
+        span = max(span, abs(c.x))
         c.d_forward = target[springs + i] - c.forward
         c.d_backward = target[springs + n + i] - c.backward
         c.d_load = target[springs + 2 * n + i] - c.load if loaded else 0.0
         changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0
+    ramp.span = span
     return changed
 
 
@@ -45,14 +45,15 @@ def _begin_bounds(contacts, ground, ramp, target, springs):
 def _begin_contacts(contacts, model, ramp, target, springs):
     """Begin the ramp of all contacts; returns whether bounds or loads change."""
     changed = _begin_bounds(contacts, model.ground, ramp, target, springs)
-    ramp.friction = ramp.d_friction = 0.0
+    friction = d_friction = 0.0  # the fields of a record are stored and loaded again in each round
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        ramp.friction += c.forward + c.backward
-        ramp.d_friction += c.d_forward + c.d_backward
+        friction += c.forward + c.backward
+        d_friction += c.d_forward + c.d_backward
         c.since = c.pull = c.force_rate = 0.0
         c.next = np.inf
         c.leaving = c.side = 0
+    ramp.friction, ramp.d_friction = friction, d_friction
     return changed
 
 
@@ -63,17 +64,19 @@ def _begin(contacts, springs, model, ramp, target):
     ramp.begun = ramp.stepping = ramp.hurries = ramp.shifted = ramp.falling = ramp.due = ramp.parted = 0
     ramp.undetermined = ramp.loose = ramp.passed = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
+    span = ramp.span
     for j in range(springs.shape[0]):
         spring = springs[j]
         spring.d_length = target[j] - spring.length
         changed = changed or spring.d_length != 0.0
-        ramp.span = max(ramp.span, abs(spring.length) + abs(spring.d_length))
+        span = max(span, abs(spring.length) + abs(spring.d_length))
         begin_bend(spring, model.curves)
         spring.rate = -spring.stiffness * spring.d_length
         spring.since = 0.0
         spring.moved = 0
         contacts[spring.a].pull += spring.rate
         contacts[spring.b].pull -= spring.rate
+    ramp.span = span
     for i in range(contacts.shape[0]):
         c = contacts[i]
         if c.at == 0:

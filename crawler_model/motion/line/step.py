@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiled import lean, merged
 from .critical.translation import choose_step
-from .events import solve_around
+from .events import solve_listed
 from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, tighten
 from .springs.parts import begin_part, begin_parts, find_pull
@@ -38,7 +38,8 @@ def _solve_step(contacts, springs, model, curves, ramp):
     n = contacts.shape[0]
     ramp.undetermined = 0
     if curves is None:
-        if not solve_around(contacts, springs, model, ramp, n - 1):
+        model.block[0].hit = n - 1
+        if not solve_listed(contacts, springs, model, ramp, 1):
             return False
         _keep_step(contacts, springs, model, n)
         return True
@@ -59,7 +60,8 @@ def _solve_parts(contacts, springs, model, curves, ramp):
     ramp.loose = ramp.undetermined = ramp.last = 0
     while ramp.last < n:
         begin_part(model.block, curves, ramp, n)
-        if not solve_around(contacts, springs, model, ramp, model.block[ramp.first].member):
+        model.block[0].hit = model.block[ramp.first].member
+        if not solve_listed(contacts, springs, model, ramp, 1):
             return False
         _keep_step(contacts, springs, model, ramp.rows)
     return True
