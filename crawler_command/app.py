@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from crawler_model import CrawlerError, __version__
+from crawler_model.run.ticks import RATE
 from crawler_ros.node.life.leave import STOPPED
 
 from .bench import bench
@@ -84,7 +85,7 @@ def check(
 
     check_output("--png", png, ".png", force)
     loaded = load_scene(scene)
-    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, 100.0, None)
+    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, RATE, None)
     if png is not None:
         from crawler_pictures.domain import draw_domain
 
@@ -128,7 +129,7 @@ def sweep(
     duration: DurationOption = None,
     rate: Annotated[
         float, typer.Option(help="Ticks per second, Hz; the result of exact does not depend on it.")
-    ] = 100.0,
+    ] = RATE,
     method: MethodOption = MethodName.auto,
     workers: Annotated[
         int | None, typer.Option(help="Number of parallel runs; by default one per core.", min=1)

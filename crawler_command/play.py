@@ -9,13 +9,14 @@ from typing import Annotated
 import typer
 
 from crawler_model import CrawlerError
+from crawler_model.run.ticks import RATE
 
 from .screen import SceneArgument, require, screen
 
 
 def play(
     scene: SceneArgument,
-    rate: Annotated[float, typer.Option(help="Ticks per simulated second, Hz.")] = 100.0,
+    rate: Annotated[float, typer.Option(help="Ticks per simulated second, Hz.")] = RATE,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 for any free one.", min=0, max=65535)] = 0,
     state: Annotated[str | None, typer.Option(help="The end of a link to a state, behind #state=.")] = None,
     ros: Annotated[

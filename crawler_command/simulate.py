@@ -12,6 +12,7 @@ import typer
 from rich.table import Table
 
 from crawler_model import CrawlerError
+from crawler_model.run.ticks import RATE
 from crawler_pictures.numbers import error_of, write_energy, write_length
 
 from .screen import (
@@ -99,7 +100,7 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
 def simulate_command(
     scene: SceneArgument,
     duration: DurationOption = None,
-    rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = 100.0,
+    rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = RATE,
     method: MethodOption = MethodName.auto,
     parquet: Annotated[
         Path | None, typer.Option(help="The .parquet table to write, with a row for the end of each tick.")

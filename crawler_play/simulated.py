@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler_model import CommandError, Scene, load_scene, prepare
+from crawler_model.run.ticks import RATE
 
 from .controls import read_speed
 from .keep import KEPT
@@ -24,7 +25,7 @@ class Simulated(Robot):
     keeps = tuple(KEPT)
     simulated = True
 
-    def __init__(self, scene: Scene, rate: float = 100.0, lesson: Lesson | None = None) -> None:
+    def __init__(self, scene: Scene, rate: float = RATE, lesson: Lesson | None = None) -> None:
         """Start a session.
 
         Args:

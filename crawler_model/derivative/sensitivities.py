@@ -16,7 +16,7 @@ from ..body.drive import NS
 from ..errors import CommandError, SceneError
 from ..notebook import write_html, write_numbers
 from ..run.simulate import default_duration
-from ..run.ticks import check_duration, count_ticks, rational_rate, tick_ends
+from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .parameters import Derivatives, differentiate_arrays
@@ -108,7 +108,7 @@ class Sensitivities:
 
 
 def sensitivities(
-    scene: Scene | str | Path, keys: Sequence[str], duration: float | None = None, rate: float = 100.0
+    scene: Scene | str | Path, keys: Sequence[str], duration: float | None = None, rate: float = RATE
 ) -> Sensitivities:
     """Differentiate a run of a scene with respect to its numbers.
 

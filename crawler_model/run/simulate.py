@@ -16,7 +16,7 @@ from ..motion.state import SPENT
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
 from .screw import follow_turning, gain_in_frame
-from .ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
+from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
 
 _CHUNK = 4096
@@ -40,7 +40,7 @@ def default_duration(drive: Drive) -> float:
 def simulate(
     scene: Plan,
     duration: float | None = None,
-    rate: float = 100.0,
+    rate: float = RATE,
     method: Method | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:

@@ -9,6 +9,9 @@ import numpy as np
 from ..body.drive import NS
 from ..errors import CommandError
 
+RATE = 100.0
+"""Ticks per second where none are asked for, here and in the parameters of the node [Hz]."""
+
 
 def tick_end_ns(tick: int, rate: Fraction) -> int:
     """Compute the end of a tick, floor(k 10^9 / rate), without drift.

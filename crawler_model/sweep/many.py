@@ -19,7 +19,7 @@ from ..body.drive import NS
 from ..crawler.crawler import METHODS, Crawler, Method
 from ..errors import CommandError, CrawlerError, SceneError
 from ..run.simulate import default_duration
-from ..run.ticks import check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
+from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from ..run.transport import length_of
 from ..scene.scene import Scene
 from .batch import run_stack
@@ -45,7 +45,7 @@ class Settings:
     """
 
     duration: float | None = None
-    rate: float = 100.0
+    rate: float = RATE
     method: Method | None = None
 
     def check(self) -> None:
@@ -75,7 +75,7 @@ def _check_scenes(scenes: Any) -> None:
 def simulate_many(
     scenes: Sequence[Scene],
     duration: float | None = None,
-    rate: float = 100.0,
+    rate: float = RATE,
     method: Method | None = None,
     workers: int | None = None,
     progress: Callable[[float], None] | None = None,

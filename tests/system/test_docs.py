@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import re
 from pathlib import Path
 
 import pytest
+import yaml
+
+from crawler_model import simulate
+from crawler_model.run.ticks import RATE
 
 from ..pages import (
     KNOWN,
@@ -205,6 +210,11 @@ def test_the_references_are_what_the_generator_writes():
     assert {file.name for file in written} >= {"scenes.md", "topics.md", "parameters.md", "command.md", "python.md"}
     for file, text in written.items():
         assert file.read_text(encoding="utf-8") == text, f"{file}: `make docs` writes it anew"
+
+
+def test_a_node_ticks_at_the_rate_of_python_and_of_the_commands():
+    parameters = yaml.safe_load((ROOT / "msgs_config" / "simulator.yaml").read_text(encoding="utf-8"))
+    assert parameters["rate"]["default"] == RATE == inspect.signature(simulate).parameters["rate"].default
 
 
 def test_the_picture_of_the_architecture_names_every_room():

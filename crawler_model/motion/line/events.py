@@ -163,9 +163,9 @@ def solve_listed(contacts, springs, model, ramp, count):
     before = ramp.block
     for j in range(count):
         i = model.block[j].hit
-        if ramp.stepping or (contacts[i].at != 0 and contacts[i].mark <= before):
-            if not _solve_around(contacts, springs, model, ramp, i):
-                return False
+        solves = ramp.stepping or (contacts[i].at != 0 and contacts[i].mark <= before)
+        if solves and not _solve_around(contacts, springs, model, ramp, i):
+            return False
     return True
 
 
