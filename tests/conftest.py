@@ -69,30 +69,28 @@ OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
 """How numba writes the order in memory of an array, and whether it can be written, alone and within tuples."""
-BOTH, PARTS = "bent springs on patches", "long bodies and jumps in the plane"
+BOTH, JUMPS = "bent springs on patches", "jumps in the plane"
 LAST = ("node", "environments", "batches")
 KERNELS = (
     (("line", "plane"), ("line",)),
     (("springs", "patches", "long"), ("springs", "patches", "long", "plane")),
-    ((BOTH, "derivatives", PARTS, *LAST), (BOTH, "derivatives", PARTS, *LAST)),
+    ((BOTH, "derivatives", JUMPS, *LAST), (BOTH, "derivatives", JUMPS, *LAST)),
 )
 """Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
 later row builds on them."""
 
 
-def compile_parts() -> None:
-    """Compile the kernels of long bodies in the plane, and those of jumps of bodies that turn."""
+def compile_jumps() -> None:
+    """Compile the kernels of jumps of bodies that turn."""
     import numpy as np
 
     from crawler_model import Crawler, load_scene
     from crawler_model.motion.plane.jump import jump
-    from crawler_model.motion.plane.parts.follow import follow_in_parts
     from crawler_model.motion.state import ACCOUNT_SIZE
 
     state = Crawler(load_scene("scissors"))._state
     arrays = state.x, state.gained, state.command, state.turned
     jump(state.frame, arrays, state.command.copy(), 1.0, np.zeros_like(state.x), np.zeros(ACCOUNT_SIZE))
-    follow_in_parts(state.frame, arrays, state.command.copy(), 1e-6, np.zeros(ACCOUNT_SIZE))
 
 
 def used_kernels() -> list[Any]:
@@ -126,7 +124,7 @@ def kernels() -> None:
 
     builds = {kind.value: build for kind, build in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
-    builds[PARTS] = compile_parts
+    builds[JUMPS] = compile_jumps
     for begun, ended in KERNELS:
         for how, kinds in ((fcntl.LOCK_EX | fcntl.LOCK_NB, begun), (fcntl.LOCK_EX, ended)):
             for kind in kinds:

@@ -42,32 +42,6 @@ def dissipated(account):
     return account[DISSIPATION] + account[LOADS_WORK]
 
 
-@lean
-def add_ramp(account, ramp):
-    """Add the account of one ramp to the total.
-
-    Args:
-        account: the total, shape (14,), changed in place.
-        ramp: account of the ramp, shape (14,).
-    """
-    for entry in (
-        WORK,
-        DISSIPATION,
-        RESIDUAL,
-        EVENTS,
-        OVERSPENT,
-        GAIN_LEAST,
-        GAIN_MOST,
-        ROUNDING,
-        UNSOLVED,
-        LOADS_WORK,
-    ):
-        account[entry] += ramp[entry]
-    for entry in (VIOLATION, COMPLEMENTARITY, AMBIGUOUS):
-        account[entry] = max(account[entry], ramp[entry])
-    account[VISITED] = min(account[VISITED], ramp[VISITED])
-
-
 SPENT = 3
 """Columns that a row of the records may have at its end, see `record_spent`."""
 

@@ -56,7 +56,6 @@ ROOMS = {
         "motion.line.springs",
         "motion.line.ground",
         "motion.plane",
-        "motion.plane.parts",
         "motion",
         "body",
     ),

@@ -19,8 +19,7 @@ from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
 from .jump import jump
-from .parts.follow import LARGE, follow_in_parts
-from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, follow_ramp, force_step
+from .ramp import LENGTH, MARGIN, PLACE, follow_ramp, force_step
 
 _SHARE = 0.25
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
@@ -29,9 +28,6 @@ DEFAULT_TOLERANCE = 1e-4
 """Default error of a ramp of vector springs, relative to its change of length."""
 _ROUNDING = 1e-13
 """Least tolerance, relative to the size of the body."""
-_PATIENCE = 16.0
-"""Parts of a ramp of a large body after which it goes on in parts of the body, if it can; after each failure twice as
-many."""
 _FAR = 1024.0
 """Displacements of more sizes of the body lose digits."""
 _AHEAD = 1e-6
@@ -275,19 +271,12 @@ class PlaneMotion:
     ) -> Iterator[Jump]:
         """Follow one ramp through its jumps."""
         arrays = state.x, state.gained, state.command, state.turned
-        patience = _PATIENCE if self.frame.vector and state.x.shape[0] >= LARGE else np.inf
-        progress = np.array([0.0, 1.0, self.tolerance, state.stability[0], patience])
+        progress = np.array([0.0, 1.0, self.tolerance, state.stability[0], np.inf])
         velocity[:] = 0.0
         ahead, landed = _AHEAD, -1.0
         while progress[PLACE] < 1.0:
             if follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
-                if progress[PLACE] < 1.0:
-                    rest = 1.0 - progress[PLACE]
-                    done = follow_in_parts(self.frame, arrays, target, self.tolerance * rest, account)
-                    progress[PLACE] = 1.0 if done == 1.0 else progress[PLACE] + done * rest
-                    patience = _PATIENCE if done > 0.0 else 2.0 * patience
-                    progress[PATIENCE] = patience
-                continue
+                break
             if self.body.turning is None:
                 force_step(self.frame, arrays, target, account, progress)
                 continue

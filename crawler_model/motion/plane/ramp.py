@@ -61,7 +61,7 @@ _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
 PLACE, LENGTH, LEFT, MARGIN, PATIENCE = range(5)
 """Entries of the progress on a ramp: the place, 0 to 1; length of the next part; the error that is left [m]; the least
-stability margin; the number of parts until the caller may try to divide the body."""
+stability margin; the number of parts after which the caller goes on."""
 
 
 @lean
@@ -192,7 +192,7 @@ def _settle(frame, state, target, part, best, after, limits):
 
 
 @lean
-def part_of_friction(frame, command, force):
+def _part_of_friction(frame, command, force):
     """Relate the sum of the distances of forces from their bounds to all friction: the visited margin.
 
     Args:
@@ -235,7 +235,7 @@ def _take(frame, state, target, part, best, after, account):
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
     if frame.vector:
-        account[VISITED] = min(account[VISITED], part_of_friction(frame, command, near))
+        account[VISITED] = min(account[VISITED], _part_of_friction(frame, command, near))
     else:
         yaw[0] += unwind(yaw_of(frame, x) - before)
     account[WORK] += best[n, 1]

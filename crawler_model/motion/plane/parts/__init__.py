@@ -1,1 +1,0 @@
-"""Ramps in the plane in parts of the body that do not feel each other."""
