@@ -169,7 +169,8 @@ class PlanePath:
                         f"sensitivities: before {until:g} s the body jumps, as no stable equilibrium is left; no "
                         "derivative exists from there on: choose a shorter duration"
                     )
-                force_step(motion.frame, arrays, target, account, progress)
+                if not force_step(motion.frame, arrays, target, account, progress):
+                    raise CommandError(f"sensitivities: before {until:g} s no equilibrium is found")
             length = progress[PLACE] - place
             part = 1.0 if progress[PLACE] == 1.0 else length / (1.0 - place)
             moved, rate = state.x - x, np.empty_like(self._place)

@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from crawler_model.body.body import Body
 from crawler_model.motion.plane.frame import Frame, build_frame
 from crawler_model.motion.plane.motion import PlaneMotion
-from crawler_model.motion.plane.stage import solve_stage
+from crawler_model.motion.plane.stage import approach, solve_stage
 from crawler_model.motion.plane.translation import choose_translation
 from crawler_model.motion.state import ACCOUNT_SIZE, VISITED
 
@@ -67,6 +67,7 @@ class Step(NamedTuple):
         command = command_of(self.directions, np.zeros((len(self.ends), 2)), self.friction, self.force)
         base, force, v = np.zeros((n, 2)), np.empty((n, 2)), np.full((n, 2), float(guess))
         solved, _ = solve_stage(frame, command, base, v, force, 0.0)
+        solved = solved or approach(frame, command, base, v, force)
         return solved, v, choose_translation(frame, command, base, v, force)
 
     def solve(self, guess=0.0):

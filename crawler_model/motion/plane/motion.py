@@ -242,7 +242,7 @@ class PlaneMotion:
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`; `exact` and `budget` have no effect."""
-        moving = state if self.frame.vector else state.copy()  # only bodies that turn may have nowhere to go
+        moving = state.copy()  # it may have nowhere to go
         moving.gained[:] = 0.0
         moving.stability[:] = np.inf
         n, parts = self.body.contacts, self.frame.rest.size
@@ -260,8 +260,7 @@ class PlaneMotion:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
                     records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
         moving.recentre(self.unit)
-        if moving is not state:
-            vars(state).update(vars(moving))
+        vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed
             account[VISITED] = state.visited_margin(state.force)
         return tuple(jumps)
@@ -277,10 +276,12 @@ class PlaneMotion:
         while progress[PLACE] < 1.0:
             if follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
                 break
-            if self.body.turning is None:
-                force_step(self.frame, arrays, target, account, progress)
-                continue
             place = progress[PLACE]
+            nowhere = f"command: no equilibrium was found at {100.0 * place:.4g} % of the ramp"
+            if self.body.turning is None:
+                if not force_step(self.frame, arrays, target, account, progress):
+                    raise CommandError(nowhere)
+                continue
             if not self.body.turning.jumps:
                 raise CommandError(
                     f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
@@ -290,7 +291,7 @@ class PlaneMotion:
             part = min(ahead / (1.0 - place), 1.0)
             found, contact, distance, loss = jump(self.frame, arrays, target, part, velocity, account)
             if not found:
-                raise CommandError(f"command: no equilibrium was found at {100.0 * place:.4g} % of the ramp")
+                raise CommandError(nowhere)
             progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
             progress[LENGTH] = ahead
             velocity[:] = 0.0

@@ -26,7 +26,7 @@ from .frame import columns_of, friction_of, load_of, unwind, yaw_of
 from .friction import gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
-from .stage import solve_stage
+from .stage import approach, solve_stage
 from .translation import choose_translation
 from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
@@ -375,15 +375,24 @@ def force_step(frame, state, target, account, progress):
         target: end of the ramp, shape (C,).
         account: added to, shape (14,).
         progress: as for `follow_ramp`, changed in place.
+
+    Returns:
+        Whether it has a solution; else nothing has changed.
     """
-    n = state[0].shape[0]
+    x, _, command, _ = state
+    n = x.shape[0]
     rest = 1.0 - progress[PLACE]
     part = min(_LAST_STEP / rest, 1.0)
     best = np.zeros((n + 2, 2))
     after = np.empty((n, 2))
-    walk(frame, (state[0], state[2], target), (part, 1, False), np.zeros((n, 2)), best, np.empty((n, 2)))
+    now = np.empty(command.shape[0])
+    command_at(command, target, part, now)
+    if not approach(frame, now, x, after, np.empty((n, 2))):
+        return False
+    walk(frame, (x, command, target), (part, 1, False), after - x, best, np.empty((n, 2)))
     _, residual, _ = _settle(frame, state, target, part, best, after, (0.0, False))
     account[RESIDUAL] += residual
     account[OVERSPENT] += 1.0
     _take(frame, state, target, part, best, after, account)
     progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
+    return True

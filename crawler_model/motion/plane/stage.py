@@ -236,6 +236,36 @@ def _search(frame, command, base, anchor, x, force, eta):
     return False, True
 
 
+@compiled
+def solve_stage(frame, command, base, x, force, eta):
+    """Solve an implicit step.
+
+    Where the search fails, springs hold each point where it was, and become softer from one search to the next; steps
+    of vector springs are rather made shorter, which takes less time.
+
+    Args:
+        frame: the body.
+        command: the command at the end of the step.
+        base: displacements at its start, shape (N, 2) [m].
+        x: changed in place: a guess of the displacements at its end, then these, shape (N, 2) [m].
+        force: output: the force that friction balances, shape (N, 2) [N].
+        eta: stiffness of springs that hold each point where it was, relative to its grip, 0 for none [1].
+
+    Returns:
+        Whether it is solved to rounding, and whether its matrix is regular.
+    """
+    solved, regular = _search(frame, command, base, base, x, force, eta)
+    if solved or frame.vector:
+        return solved, regular
+    x[:] = base
+    for rung in range(_RUNGS + 1):
+        more = _SOFTER**rung if rung < _RUNGS else 0.0
+        solved, regular = _search(frame, command, base, base, x, force, max(eta, more))
+        if not solved:
+            break
+    return solved, regular
+
+
 @lean
 def _can_hold(frame, command):
     """Return whether friction can hold the sum of the loads: it lies in the sum of the sets of friction forces."""
@@ -256,58 +286,33 @@ def _can_hold(frame, command):
 
 
 @compiled
-def _approach(frame, command, base, x, force, eta):
-    """Solve an implicit step of vector springs by the proximal point method; the arguments are `solve_stage`'s.
+def approach(frame, command, base, x, force):
+    """Solve an implicit step of vector springs from anywhere, by the proximal point method.
 
     Springs hold each contact where the last search ended. Energy and friction are convex, so each of these steps leads
-    nearer to the solution, until a search without springs succeeds.
-    """
-    if not _can_hold(frame, command):
-        return False, False
-    anchor = base.copy()
-    trial = base.copy()
-    more = 1.0
-    for _ in range(_MOST_APPROACHES):
-        trial[:] = anchor
-        solved, _ = _search(frame, command, base, anchor, trial, force, max(eta, more))
-        if not solved:
-            more *= 4.0
-            continue
-        anchor[:] = trial
-        more *= _SOFTER
-        solved, regular = _search(frame, command, base, base, trial, force, eta)
-        if solved:
-            x[:] = trial
-            return True, regular
-    return False, False
-
-
-@compiled
-def solve_stage(frame, command, base, x, force, eta):
-    """Solve an implicit step.
-
-    Where the search fails, springs hold each point where it was, and become softer from one search to the next.
+    nearer to the solution, until a search without springs succeeds. It may take a hundred searches.
 
     Args:
         frame: the body.
         command: the command at the end of the step.
         base: displacements at its start, shape (N, 2) [m].
-        x: changed in place: a guess of the displacements at its end, then these, shape (N, 2) [m].
+        x: output: the displacements at its end, shape (N, 2) [m].
         force: output: the force that friction balances, shape (N, 2) [N].
-        eta: stiffness of springs that hold each point where it was, relative to its grip, 0 for none [1].
 
     Returns:
-        Whether it is solved to rounding, and whether its matrix is regular.
+        Whether it is solved to rounding.
     """
-    solved, regular = _search(frame, command, base, base, x, force, eta)
-    if solved:
-        return solved, regular
-    if frame.vector:
-        return _approach(frame, command, base, x, force, eta)
-    x[:] = base
-    for rung in range(_RUNGS + 1):
-        more = _SOFTER**rung if rung < _RUNGS else 0.0
-        solved, regular = _search(frame, command, base, base, x, force, max(eta, more))
-        if not solved:
-            break
-    return solved, regular
+    if not _can_hold(frame, command):
+        return False
+    anchor = base.copy()
+    more = 1.0
+    for _ in range(_MOST_APPROACHES):
+        x[:] = anchor
+        if not _search(frame, command, base, anchor, x, force, more)[0]:
+            more *= 4.0
+            continue
+        anchor[:] = x
+        more *= _SOFTER
+        if _search(frame, command, base, base, x, force, 0.0)[0]:
+            return True
+    return False

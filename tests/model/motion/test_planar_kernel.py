@@ -6,11 +6,21 @@ import numpy as np
 import pytest
 
 from crawler_model.body.directions import check_directions
-from crawler_model.errors import SceneError
-from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, EVENTS, OVERSPENT, RESIDUAL, VIOLATION, WORK
+from crawler_model.errors import CommandError, SceneError
+from crawler_model.motion.plane.motion import PlaneMotion
+from crawler_model.motion.state import (
+    ACCOUNT_SIZE,
+    AMBIGUOUS,
+    DISSIPATION,
+    EVENTS,
+    OVERSPENT,
+    RESIDUAL,
+    VIOLATION,
+    WORK,
+)
 
 from ..cone_program import solve_with_clarabel
-from ..planar_stage import CROSS, DISC, Rig, Step
+from ..planar_stage import CROSS, DISC, Rig, Step, body_of, frame_of
 from .test_projection import solve as project
 
 PAIR = np.array([[0, 1]])
@@ -336,3 +346,17 @@ def test_a_force_that_is_not_finite_is_not_solved(broken):
     force = np.array([[broken, 0.0], [-broken, 0.0], [0.0, 0.0]])
     for friction, directions in ((np.ones((3, 1)), DISC), (np.ones((3, 4)), CROSS)):
         assert not Step(TRIANGLE, np.ones(3), force, friction, directions).search()[0]
+
+
+@pytest.mark.parametrize("directions", [DISC, CROSS], ids=["disc", "polygon"])
+def test_loads_that_no_friction_holds_are_refused_and_change_nothing(directions):
+    """Such commands are refused before they are followed; here the motion alone is asked."""
+    lengths, friction, pull = np.zeros((3, 2)), np.ones((3, max(len(directions), 1))), np.zeros((3, 2))
+    motion = PlaneMotion(body_of(TRIANGLE, np.ones(3), 3), frame_of(TRIANGLE, np.ones(3), 3, directions), 1e-6)
+    state = motion.start(np.zeros((3, 2)), np.concatenate((lengths.ravel(), friction.ravel(), pull.ravel())))
+    before, account = state.bits(), np.zeros(ACCOUNT_SIZE)
+    pull[:, 0] = 2.0
+    target = np.concatenate((lengths.ravel(), friction.ravel(), pull.ravel()))
+    with pytest.raises(CommandError, match="no equilibrium was found"):
+        motion.follow(state, motion.scratch(), target[None], False, 0, account, np.zeros((0, 0)))
+    assert state.bits() == before
