@@ -130,6 +130,30 @@ def test_agrees_with_rational_numbers(extra, first):
     assert right > 40
 
 
+@pytest.mark.parametrize("seed", [994, 1127, 29110])
+def test_on_patches_a_spring_at_a_knot_goes_on(seed):
+    """A tendon about to be slack beside a motor that stalls at its stop; a part at rest at the knot that it needs."""
+    rng = np.random.default_rng(seed)
+    contacts, extra = int(rng.integers(2, 8)), int(rng.integers(0, 3))
+    document, body, rows = draw_body(rng, contacts, extra, patches=True, dyadic=bool(seed % 2))
+    crawler, links, compared = Crawler(scene_of(document)), len(body.links), True
+    for row, target in zip(rows[1:], crawler.scene.drive.targets[1:], strict=True):
+        step = crawler.follow(target[None].copy())
+        assert step.unsolved == step.overspent == 0
+        assert step.events < 40
+        assert abs(step.certificate.energy_residual) < 1e-12
+        assert step.certificate.violation < 1e-12
+        if not compared:
+            continue
+        try:
+            body.follow(row[:links], row[links : links + body.n], row[links + body.n :])
+        except NotUniqueError:
+            compared = False
+            assert not step.unique
+        else:
+            np.testing.assert_allclose(crawler.displacement, [float(x) for x in body.x], rtol=0, atol=1e-12)
+
+
 def minimise(scene: Scene, x: np.ndarray, target: np.ndarray) -> np.ndarray:
     """The step as a quadratic program: a knot that stiffens is an excess length, one that softens one that is saved."""
     body = scene.body

@@ -104,6 +104,8 @@ BEND = np.dtype(
         ("offset", _FLOAT),  # [N]
         ("next", _FLOAT),  # place on the ramp of its next knot
         ("coming", _BYTE),  # which one: 1 the end, -1 the beginning of the piece of the actuator, 2 and -2 of the other
+        ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
+        ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
         ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
     ],
     align=True,

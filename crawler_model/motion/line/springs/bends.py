@@ -149,7 +149,7 @@ def begin_bend(spring, curves):
     if spring.bend < 0:
         return
     bend = curves.bends[spring.bend]
-    bend.command, bend.excess, bend.next = spring.d_length, 0.0, np.inf
+    bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
     find_pieces(bend, curves.pieces, spring.elongation - spring.length, spring.elongation, -bend.command)
     set_stiffness(spring, bend, curves.pieces)
 
@@ -326,7 +326,7 @@ def _find_flat(pieces, p, length, rate, near):
 def _find_yielding(bend, pieces, z, length, rate, stretch):
     """Find whether a spring rests at knots behind which it is flat: what moves may then move with it or without it.
 
-    The flat side knows both.
+    The flat side knows both, unless a stop or another knot lets nothing move there; the spring then comes back.
 
     Returns:
         The knot to pass, as `coming`; 0 if there is none.
@@ -360,12 +360,13 @@ def find_knot(contacts, spring, curves, ramp):
     first = _reach(curves.pieces[bend.actuator], z - length, rate)
     other = _reach(curves.pieces[bend.passive], z, stretch)
     bend.coming = 1 if rate > 0.0 else -1
+    bend.yields = 0
     if other < first:
         first = other
         bend.coming = 2 if stretch > 0.0 else -2
     if (rate == 0.0) != (stretch == 0.0) and first > 0.0 and spring.stiffness > 0.0:
         way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
-        if way != 0:
-            first, bend.coming = 0.0, way
+        if way != 0 and bend.yielded != ramp.s:
+            first, bend.coming, bend.yields = 0.0, way, 1
     bend.next = ramp.s + first
     return bend.next

@@ -26,6 +26,8 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     advance_spring(spring, curves, ramp, ramp.s)
     change_piece(contacts, spring, bend, curves.pieces, ramp, bend.coming)
     bend.next = np.inf
+    if bend.yields:
+        bend.yielded = ramp.s
     _, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
     spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
 

@@ -56,19 +56,19 @@ def _find_loose(contacts, springs, model, curves, ramp):
 
 
 @lean
-def _find_knot(springs, block, curves, part, direction):
-    """Find how far a part can slide until it is just beyond a knot of a flat spring at its ends."""
+def _find_knot(springs, block, curves, ramp, direction):
+    """Find how far the present part can slide until it is just beyond a knot of a flat spring at its ends."""
     distance = np.inf
     if curves is None:
         return distance
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, part)
+        side = side_of(spring, block, ramp.present)
         if side != 0:
             z, u = spring.elongation, spring.elongation - spring.length
             way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
             way = max(way, 0.0)
-            distance = min(distance, way + 4.0 * EPS * (abs(z) + abs(spring.length) + way))
+            distance = min(distance, way + 4.0 * EPS * (abs(z) + ramp.span + way))
     return distance
 
 
@@ -149,7 +149,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
     first, last, direction = _find_loose(contacts, springs, model, curves, ramp)
     if direction == 0:
         return False
-    knot = _find_knot(springs, model.block, curves, ramp.present, direction)
+    knot = _find_knot(springs, model.block, curves, ramp, direction)
     if ground is not None:
         if not _slide_on_ground(contacts, model, ground, ramp, direction, (first, last), knot):
             return False
