@@ -65,8 +65,11 @@ def _find_knot(springs, block, curves, ramp, direction):
         spring = springs[j]
         side = side_of(spring, block, ramp.present)
         if side != 0:
+            bend = curves.bends[spring.bend]
             z, u = spring.elongation, spring.elongation - spring.length
-            way, _ = find_way(curves.bends[spring.bend], curves.pieces, z, u, side * direction)
+            way, _ = find_way(bend, curves.pieces, z, u, side * direction)
+            if curves.pieces[bend.actuator].slope + curves.pieces[bend.passive].slope > 0.0:
+                way = 0.0  # rounding has led it beyond the knot
             way = max(way, 0.0)
             distance = min(distance, way + 4.0 * EPS * (abs(z) + ramp.span + way))
     return distance
