@@ -169,6 +169,18 @@ def solve_listed(contacts, springs, model, ramp, count):
     return True
 
 
+@inlined
+def _list_blocks(contacts, model, ramp, count):
+    """List all contacts at bounds, each advanced to s; returns how many are listed."""
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        settle(c, ramp)
+        advance(c, ramp, ramp.s)
+        if c.at != 0:
+            count = list_contact(contacts, model.block, i, count)
+    return count
+
+
 @lean
 def _stop(contacts, springs, model, ramp, i, count):
     """List the contacts at bounds beside one that has stopped; springs to those at rest keep their ends."""
@@ -183,25 +195,6 @@ def _stop(contacts, springs, model, ramp, i, count):
             draw_spring(spring, model.curves, model.ground, ramp)  # a flat one may rest until here
             advance_spring(spring, model.curves, ramp, ramp.s)
             spring.rate = 0.0 if ramp.falling else -spring.stiffness * spring.d_length
-    return count
-
-
-@inlined
-def _list_blocks(contacts, springs, model, ramp, count):
-    """List all contacts at bounds, each advanced to s, and those that a chosen translation has moved until here.
-
-    Returns how many are listed.
-    """
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
-        settle(c, ramp)
-        advance(c, ramp, ramp.s)
-        if c.at == 0 and c.v == 0.0:
-            continue
-        count = list_contact(contacts, model.block, i, count)
-        if c.at == 0:
-            c.v = 0.0
-            count = _stop(contacts, springs, model, ramp, i, count)
     return count
 
 
@@ -230,7 +223,7 @@ def _meet(contacts, springs, model, ramp):
         if passes_singly(model.curves, ramp):
             break
     if ramp.shifted:
-        count = _list_blocks(contacts, springs, model, ramp, count)
+        count = _list_blocks(contacts, model, ramp, count)
     return count
 
 
@@ -338,7 +331,7 @@ def follow_events(contacts, springs, model, ramp):
     """
     ground = model.ground
     ramp.events += 1.0
-    count = _list_blocks(contacts, springs, model, ramp, 0)
+    count = _list_blocks(contacts, model, ramp, 0)
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:

@@ -76,8 +76,7 @@ def find_next(contacts, springs, model, ramp, i):
     """
     c = contacts[i]
     when = find_meeting(c, model.ground, i)
-    rests = c.at == 0 and c.v == 0.0  # a chosen translation moves contacts that are at their bounds but for rounding
-    if rests or c.side == 0 or c.d_forward + c.d_backward < 0.0:
+    if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
         other = find_arrival(c, springs, model.ends, ramp)
         if other < when:

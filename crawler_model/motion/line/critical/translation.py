@@ -13,7 +13,7 @@ from ...margin import FEW_CONTACTS
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
-from ..records import KNOT
+from ..records import BACKWARD, FORWARD, KNOT
 from ..runs import wake_all
 from ..springs.bends import find_lengths
 from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part, side_of
@@ -134,6 +134,17 @@ def _stay_on(piece, length, rate, ds, near):
     return -rate if length - piece.begin <= near else -np.inf, -rate if piece.end - length <= near else np.inf
 
 
+@inlined
+def _put_on_bound(c, s):
+    """Put a contact of a critical part, whose force is at a bound but for rounding, onto that at which it slides."""
+    if c.v > 0.0:
+        c.at, c.side = FORWARD, 1
+        c.force, c.force_rate = c.forward + s * c.d_forward, c.d_forward
+    else:
+        c.at, c.side = BACKWARD, -1
+        c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
+
+
 @lean
 def shift(contacts, springs, model, curves, ramp, s, until):
     """Add to the velocities of the present part the admissible translation that is nearest to no net translation.
@@ -185,6 +196,8 @@ def shift(contacts, springs, model, curves, ramp, s, until):
         c.v += chosen
         if abs(c.v) <= NOISE * size:
             c.v = 0.0
+        elif c.at == 0 and not ramp.stepping:
+            _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
     if most - least > CRITICAL * most_v and most > least:
         part = weight if curves is not None else 1.0
