@@ -20,6 +20,7 @@ from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
 from .runs import fall_asleep, set_runs
+from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
 from .springs.parts import begin_part, begin_parts
 from .timing import find_next
@@ -110,8 +111,9 @@ def _hold_sides(contacts, springs, model, ramp, count):
         schedule(contacts, e.contact, find_next(contacts, springs, model, ramp, e.contact), ramp.begun)
         if ramp.path == 0:
             for k in range(c.first, c.last):
-                if contacts[model.ends[k].other].mark != ramp.block:
-                    _touch_wall(contacts, springs, model, ramp, model.ends[k].other)
+                end = model.ends[k]
+                if contacts[end.other].mark != ramp.block and not is_flat(springs[end.spring], model.curves):
+                    _touch_wall(contacts, springs, model, ramp, end.other)
     if ramp.path > 0:
         if ramp.before >= 0:
             _touch_wall(contacts, springs, model, ramp, ramp.before)
