@@ -67,6 +67,35 @@ def is_wall(c, ramp):
     return c.at == 0 and not ramp.stepping
 
 
+@lean
+def size_of_terms(contacts, springs, ends, c):
+    """Sum the magnitudes of what the spring force on a contact is a difference of; it is large if springs are stiff.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        ends: END, shape (2 S,).
+        c: the CONTACT.
+
+    Returns:
+        The sum [N].
+    """
+    size = 0.0
+    for k in range(c.first, c.last):
+        spring = springs[ends[k].spring]
+        lengths = abs(c.x) + abs(contacts[ends[k].other].x) + abs(spring.length) + abs(spring.d_length)
+        size += spring.stiffness * lengths + abs(spring.tension)
+    return size
+
+
+@inlined
+def _blur_of_step(contacts, springs, model, curves, c):
+    """Find how exactly forces are known at the start of an implicit step of bent springs, as `blur` of a BLOCK."""
+    if curves is None:
+        return 0.0
+    return size_of_terms(contacts, springs, model.ends, c) / 32.0  # so it counts as spacings of floats
+
+
 @inlined
 def _enter(contacts, springs, model, ramp, row, i):
     """Enter contact i in a row of the block: the limits of the rate of its force, and how it moved before.
@@ -82,7 +111,7 @@ def _enter(contacts, springs, model, ramp, row, i):
         e.load = (c.force - pull) + ramp.part * c.pull
         e.upper = (c.forward + ramp.part * c.d_forward) - pull
         e.lower = -(c.backward + ramp.part * c.d_backward) - pull
-        e.blur = 0.0
+        e.blur = _blur_of_step(contacts, springs, model, model.curves, c)
     else:
         moves = not ramp.falling or c.since < 0.0  # else it has yet to be drawn into the fall
         e.upper = (c.d_forward if moves else 0.0) if c.at & FORWARD else np.inf

@@ -107,6 +107,8 @@ BEND = np.dtype(
         ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
         ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
         ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
+        ("kept_actuator", _INT),  # pieces in the last part of that which has been solved
+        ("kept_passive", _INT),
     ],
     align=True,
 )
@@ -187,6 +189,7 @@ BLOCK = np.dtype(
         ("hit", _INT),  # contacts around which rates change
         ("drawn", _INT),  # contacts that take part in the present fall
         ("held", _FLOAT),  # sum of the bounds of such a contact before it [N]
+        ("kept", _FLOAT),  # velocity of contact i in the last part of an implicit step that has been solved [m]
     ],
     align=True,
 )

@@ -6,7 +6,7 @@ from ...compiled import lean, merged
 from .critical.translation import choose_step
 from .events import solve_listed
 from .records import BACKWARD, FORWARD
-from .springs.knots import change_pieces, end_step, tighten
+from .springs.knots import change_pieces, end_step, keep_part, return_to_part, tighten
 from .springs.parts import begin_part, begin_parts, find_pull
 
 MOST_TURNS = 30
@@ -86,6 +86,7 @@ def take_step(contacts, springs, model, ramp):
     """
     solved, step, divided = 0.0, 1.0, False
     ramp.stepping = 1
+    keep_part(contacts, model, model.curves, solved)
     while solved < 1.0:
         ramp.part = min(solved + step, 1.0)
         ramp.hurries = step > _SMALLEST_PART
@@ -94,11 +95,10 @@ def take_step(contacts, springs, model, ramp):
                 divided = False
             else:
                 solved, step = ramp.part, 2.0 * step
+                keep_part(contacts, model, model.curves, solved)
         elif ramp.hurries and ramp.effort <= ramp.budget:
             step, divided = 0.5 * step, True
-            if solved == 0.0:
-                for i in range(contacts.shape[0]):
-                    contacts[i].v = 0.0
+            return_to_part(contacts, springs, model, model.curves, ramp)
         else:
             end_step(contacts, springs, model.curves)
             return False

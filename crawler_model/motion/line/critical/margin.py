@@ -7,23 +7,13 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ...margin import FEW_CONTACTS
+from ..block import size_of_terms
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
 from ..springs.parts import begin_alone, begin_part, begin_parts, find_pull, list_beside, member, present_part
 
 _LATER = 2.0 / 3.0
 """Part of the rest of a ramp after which a critical part must still be critical."""
-
-
-@lean
-def _blur(contacts, springs, ends, c):
-    """Find the rounding of the spring force on a contact, a small difference of large numbers if springs are stiff."""
-    size = 0.0
-    for k in range(c.first, c.last):
-        spring = springs[ends[k].spring]
-        lengths = abs(c.x) + abs(contacts[ends[k].other].x) + abs(spring.length) + abs(spring.d_length)
-        size += spring.stiffness * lengths + abs(spring.tension)
-    return ROUNDING * size
 
 
 @lean
@@ -52,7 +42,7 @@ def _distance(contacts, springs, model, ramp, i, when, limit):
     above, below = _slack(c, ramp, when)
     distance = abs(min(above, below))
     if c.at == 0 and distance > limit:
-        distance = max(distance - _blur(contacts, springs, model.ends, c), 0.0)
+        distance = max(distance - ROUNDING * size_of_terms(contacts, springs, model.ends, c), 0.0)
     return distance
 
 

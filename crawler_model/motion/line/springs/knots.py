@@ -213,6 +213,50 @@ def tighten(contacts, springs, model, curves, ramp):
 
 
 @lean
+def keep_part(contacts, model, curves, part):
+    """Keep the velocities and the pieces of curves of a part of an implicit step that has been solved.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        part: of the change of the commands; where it is 0, nothing moves.
+    """
+    for i in range(contacts.shape[0]):
+        model.block[i].kept = contacts[i].v if part > 0.0 else 0.0
+    if curves is None:
+        return
+    for b in range(curves.bends.shape[0]):
+        bend = curves.bends[b]
+        bend.kept_actuator, bend.kept_passive = bend.actuator, bend.passive
+
+
+@lean
+def return_to_part(contacts, springs, model, curves, ramp):
+    """Return to the velocities and pieces of `keep_part`.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`.
+        curves: its `Curves`, or None.
+        ramp: the RAMP.
+    """
+    for i in range(contacts.shape[0]):
+        contacts[i].v = model.block[i].kept
+    if curves is None:
+        return
+    for j in range(springs.shape[0]):
+        spring = springs[j]
+        if spring.bend < 0:
+            continue
+        bend = curves.bends[spring.bend]
+        if bend.actuator != bend.kept_actuator or bend.passive != bend.kept_passive:
+            bend.actuator, bend.passive = bend.kept_actuator, bend.kept_passive
+            _change_step(contacts, spring, bend, curves, ramp, 0)
+
+
+@lean
 def end_step(contacts, springs, curves):
     """Return the tensions and forces at the start of an implicit step to what they are, with rates to those at its end.
 
