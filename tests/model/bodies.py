@@ -135,8 +135,9 @@ class Drawn:
 def drawn(draw: st.DrawFn, kind: str) -> Drawn:
     """Any random body of a kind; ties and missing friction on a line only, where the answer is exact.
 
-    Bodies with bent springs have friction everywhere, as a ramp of those without may be unsolved or overspent, and ties
-    without segments only: where many elements yield at once, ramps may not be unique without being reported so.
+    Bodies with bent springs have friction everywhere, as a part of them between flat springs may else have none for an
+    instant, where its margin vanishes: ticks show that or not. They have ties without segments only: where many
+    elements yield at once, ramps may not be unique without being reported so.
     """
     bent, joined = "bent" in kind, "segment" in kind or "hybrid" in kind
     options = [draw(st.booleans()) and kind != POLYGONS]

@@ -67,6 +67,29 @@ def scale_of(crawler: Crawler, step: Step) -> float:
     return float(abs(step.work) + step.dissipation + energy(crawler) + force * np.abs(crawler.actuation).max())
 
 
+HARD = {
+    "chain on patches": (1629,),
+    "graph on patches": (366, 381, 806, 1726),
+    "bent chain": (1995, 2262, 3047),
+    "bent graph": (950, 1333, 1844, 2140),
+    "bent hybrid": (202, 208, 474),
+    "bent chain on patches": (963, 3399, 4147),
+}
+"""Bodies with forces beyond bounds, with a wrong balance of energy, or without a solution, until that was mended."""
+
+
+@pytest.mark.parametrize(("kind", "method"), [row for row in EVERY if row[0] not in IN_THE_PLANE])
+def test_every_ramp_is_solved_and_balances(kind, method):
+    for seed in (*range(60), *HARD.get(kind, ())):
+        crawler = Crawler(Drawn(kind, seed, bool(seed & 1), bool(seed & 2), bool(seed & 4)).driven().scene, method)
+        for target in crawler.scene.drive.targets[1:]:
+            step = crawler.follow(target[None].copy())
+            size = 1.0 + abs(step.work)
+            assert step.unsolved == step.overspent == 0, seed
+            assert step.certificate.violation < 1e-10 * size, seed
+            assert method == "catch_up" or abs(step.certificate.energy_residual) < 1e-11 * size, seed
+
+
 @law(*FOLLOWED, rate=st.floats(0.1, 20.0))
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     one, other = (simulate(body.driven().scene, method=method, rate=r) for r in (1.0, rate))
