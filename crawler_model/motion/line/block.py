@@ -9,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import inlined, lean
+from ...rounding import EPS
 from .advance import place_of
+from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .runs import enter_run, find_run, find_span, wake_all
 from .springs.bends import is_flat
@@ -93,7 +95,7 @@ def _blur_of_step(contacts, springs, model, curves, c):
     """Find how exactly forces are known at the start of an implicit step of bent springs, as `blur` of a BLOCK."""
     if curves is None:
         return 0.0
-    return size_of_terms(contacts, springs, model.ends, c) / 32.0  # so it counts as spacings of floats
+    return EPS / ROUNDING * size_of_terms(contacts, springs, model.ends, c)
 
 
 @inlined

@@ -185,7 +185,7 @@ def _list_blocks(contacts, model, ramp, count):
 
 @lean
 def _stop(contacts, springs, model, ramp, i, count):
-    """List the contacts at bounds beside one that has stopped; springs to those at rest keep their ends."""
+    """List the contacts at bounds beside one that has stopped at a border; springs to those at rest keep their ends."""
     c = contacts[i]
     for k in range(c.first, c.last):
         o = contacts[model.ends[k].other]
