@@ -74,6 +74,7 @@ class Console(Robot):
         self.error = ""
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
+        self._closes = False  # whether lengths follow once more
         self._past: list[list[Any]] = []
         self._looked, self._rivals = -_LOOKS, list[str]()
         self._arrived: dict[str, bytes] = {}
@@ -182,6 +183,8 @@ class Console(Robot):
         goal = self.controls.tilt(rows, self.settings.slope)[-1]
         way = goal - self.row
         if not way.any():
+            if self._closes:
+                self._send(self.row)
             return
         parts = np.abs(way) / (SLEW * min(seconds, 0.1) * self._ranges())
         self._send(goal if parts.max() <= 1.0 else self.row + way / parts.max())
@@ -194,13 +197,19 @@ class Console(Robot):
         return ranges
 
     def _send(self, row: np.ndarray) -> None:
-        """Publish what changes; always the lengths, with which friction and loads take effect."""
+        """Publish what changes; always the lengths, with which friction and loads take effect.
+
+        Messages of several topics may be taken in another order, so lengths follow once more after the last friction.
+        """
         columns, before = self.scene.columns, self._base
+        self._closes = False
         ends = np.cumsum([columns.lengths, columns.frictions])
         sizes = (columns.load_sizes, np.tile(columns.friction_sizes, columns.sides), columns.actuation_sizes)
         parts = zip(_COMMANDS, reversed(np.split(row, ends)), reversed(np.split(before, ends)), sizes, strict=True)
         for name, part, old, size in parts:
-            if name == _COMMANDS[-1] or (part != old).any():
+            changes = bool((part != old).any())
+            self._closes |= changes and name != _COMMANDS[-1]
+            if changes or name == _COMMANDS[-1]:
                 if columns.segments:  # one number for all columns of a segment
                     part = part[np.concatenate(([0], np.cumsum(size)[:-1])).astype(np.int64)]
                 self._publishers[name].publish(Float64MultiArray(data=part.tolist()))
