@@ -35,8 +35,10 @@ $(VENV)/.collected: $(READY)
 	@$(BIN)/python -m pytest --collect-only -qq > /dev/null || true
 	@touch $@
 
+# and with kernels that check the indices of all that they read and write
 test-all: test
 	$(PYTEST) -m slow
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/model
 
 # bodies on a line: to compile the kernels of all others takes minutes for each version of Python
 smoke: $(READY)

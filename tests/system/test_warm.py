@@ -94,6 +94,24 @@ def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
     assert "compiling the kernels of environments" in done.stderr
 
 
+@pytest.mark.parametrize(("index", "shape"), [("i", 6), ("i, 0", (6, 1))])
+def test_no_index_counts_from_the_end(index, shape):
+    """A kernel reads what precedes the view in memory; one that checks its indices refuses to."""
+    code = (
+        "import numpy as np\nfrom crawler_model.compiled import compiled\n"
+        f"read = compiled(lambda rows, i: rows[{index}])\n"
+        f"rows = np.arange(6.0).reshape({shape})[2:]\n"
+        "print(read(rows, 1), read(rows, -1))"
+    )
+    words = [sys.executable, "-c", code]
+    assert subprocess.check_output(words, text=True, timeout=200).split() == ["3.0", "1.0"]
+    checked = subprocess.run(
+        words, capture_output=True, text=True, timeout=200, env=os.environ | {"NUMBA_BOUNDSCHECK": "1"}
+    )
+    assert checked.returncode == 1
+    assert "IndexError: index is out of bounds" in checked.stderr
+
+
 def test_every_kind_is_compiled_by_one_job_and_has_a_time():
     kinds = [kind for job in JOBS for kind in job]
     assert sorted(kinds) == sorted(Kind) == sorted(BUILDS) == sorted(SECONDS)

@@ -175,17 +175,18 @@ def _find_path(contacts, springs, model, ramp, i):
     if k < 0:
         came = -1
     count = 0
-    before = -1  # end of the next spring at the contact before
+    before, sign = -1, 1.0  # end of the next spring at the contact before
     if k >= 0:
         before = _end_at(contacts[ends[k].other], ends, came)
+        sign = ends[before].sign
     while True:
-        _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, ends[before].sign)
+        _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
         _enter(contacts, springs, model, ramp, count, here)
         count += 1
         before = _leave_by(contacts[here], springs, model, came)
         if before < 0:
             break
-        came = ends[before].spring
+        came, sign = ends[before].spring, ends[before].sign
         o = contacts[ends[before].other]
         if is_wall(o, ramp):
             ramp.behind = ends[before].other
@@ -193,7 +194,7 @@ def _find_path(contacts, springs, model, ramp, i):
         if o.last - o.first > 2 or o.mark == ramp.block:
             return 0
         here = ends[before].other
-    _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, ends[before].sign)
+    _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
     ramp.path = count
     ramp.anchored = ramp.before >= 0 or ramp.behind >= 0
     return count
