@@ -21,6 +21,7 @@ from ..state import (
     WORK,
 )
 from .elastic import energy_of, pull
+from .ends import find_end, round_down, snap
 from .equal_steps import farthest
 from .frame import columns_of, friction_of, load_of, unwind, yaw_of
 from .friction import gap_of, load_part, resistance
@@ -30,9 +31,10 @@ from .stage import approach, solve_stage
 from .translation import choose_translation
 from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
-_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-4, 1e-2
-"""Parts of a ramp in which velocities are measured: in general, and with polygons, whose paths are straight; and by how
-much a part is shortened in which they change."""
+_GLANCE, _TURNING_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-5, 1e-4, 1e-2
+"""Parts of a ramp in which velocities are measured: in general, of bodies that turn, where longer parts lose accuracy
+and shorter ones invariance, and with polygons, whose paths are straight; and by how much a part is shortened in which
+velocities change."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
@@ -53,8 +55,6 @@ _LEAST_SHARE = 1e-5
 """Part of the tolerance that any part of the ramp may take, or rounding errors would exhaust it."""
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
-_EDGE = 1e-6
-"""A length that is a power of 2 but for rounding is not rounded down to the next one."""
 _LAST_STEP = 1.0 / 256.0
 """Length of a step that is taken whatever its error, as part of the ramp."""
 _MOST_TRIALS = 100
@@ -133,18 +133,12 @@ def glance(frame, way, negligible, velocity, force):
     Returns:
         The part of the ramp; infinite if none does, or no velocities were found; and whether the velocities are unique.
     """
-    part = _GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE
+    part = _TURNING_GLANCE if not frame.vector else (_GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE)
     first, unique = _glance(frame, way, part, negligible, velocity, force)
     while first < part and part > _LEAST_PART:
         part *= _SHORTER  # an event within changed the velocities
         first, unique = _glance(frame, way, part, negligible, velocity, force)
     return first, unique
-
-
-@lean
-def _round_down(frame, length):
-    """Round a length down to a power of 2 where a body turns: rounding errors must not decide about its parts."""
-    return length if frame.vector else 2.0 ** math.floor(math.log2(length) + _EDGE)
 
 
 @merged
@@ -244,33 +238,14 @@ def _take(frame, state, target, part, best, after, account):
     account[EVENTS] += 1.0
 
 
-@lean
-def _find_end(length, excess, later, guess, beyond):
-    """Estimate the length of a part that ends just beyond an event.
-
-    Args:
-        length: of a part that is too long.
-        excess: by how much it goes beyond the event, in any unit.
-        later: the same two of a longer part, infinite if there is none.
-        guess: estimate of the factor without a longer part.
-        beyond: by how much the part shall go beyond the event.
-
-    Returns:
-        The length.
-    """
-    if not excess < later[1] or later[0] == np.inf:
-        return max(guess, 0.3) * length
-    speed = (later[1] - excess) / (later[0] - length)
-    return min(max(length - (excess - beyond) / speed, 0.1 * length), 0.999 * length)
-
-
 @merged
 def _advance(frame, state, target, tolerance, velocity, books, best):
     """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none."""
     account, progress = books
     way = state[0], state[2], target
     n = velocity.shape[0]
-    rest = 1.0 - progress[PLACE]
+    place = progress[PLACE]
+    rest = 1.0 - place
     force = np.empty((n, 2))
     after = np.empty((n, 2))
     first, determined = glance(frame, way, AT_ONCE * tolerance, velocity, force)
@@ -278,6 +253,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
         first += _BEYOND * tolerance / fastest
     aim = first * rest
+    if fastest > 0.0:
+        aim = snap(frame, place, aim, _BEYOND * tolerance * rest / fastest)
     wanted = progress[LENGTH]
     longer = crossed = np.inf, np.inf
     stops = 0
@@ -288,15 +265,17 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         limits = max(share, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
-            aim = _find_end(length, error, longer, growth, _BEYOND * tolerance)
+            beyond = _BEYOND * tolerance
+            aim = find_end(frame, place, length, error, longer, growth + (1.0 - growth) * beyond / error, beyond)
             longer = length, error
         elif outcome == STOP:
             stops += 1
             aim = min(growth, _SHORT_OF) ** stops * length  # the first estimates of a far stop are too long
+            aim = snap(frame, place, aim, (1.0 - _SHORT_OF) * length)
         elif outcome == CROSS:
             guess = growth * (1.0 + 0.5 * BORDER if growth > 0.5 else _FAR_BEYOND)
             excess = 1.0 / growth - 1.0
-            aim = _find_end(length, excess, crossed, guess, 0.5 * BORDER)
+            aim = find_end(frame, place, length, excess, crossed, guess, 0.5 * BORDER)
             crossed = length, excess
         else:
             paid = max(error - share, 0.0)
@@ -309,7 +288,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                 if settled:
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
-                    after_this = _round_down(frame, min(max(growth, 0.3), 4.0) * length)
+                    after_this = round_down(frame, min(max(growth, 0.3), 4.0) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     _take(frame, state, target, part, best, after, account)
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
@@ -317,7 +296,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
-            wanted = _round_down(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
+            wanted = round_down(frame, (0.5 if outcome == FAILED else min(max(growth, 0.05), 0.9)) * length)
         if aim < _LEAST_STRAIGHT or wanted < (_LEAST_STRAIGHT if frame.vector else _LEAST_PART):
             break
     return 0.0

@@ -111,8 +111,8 @@ def test_motion_does_not_depend_on_the_view(seed):
     places, _, _ = follow(document)
     cos, sin = math.cos(0.7), math.sin(0.7)
     expected = places @ np.array([[cos, sin], [-sin, cos]])
-    assert follow(turned(document, 0.7))[0] == pytest.approx(expected, abs=1e-8)
-    assert follow(mirrored(document))[0] == pytest.approx(places * [1.0, -1.0], abs=1e-8)
+    assert follow(turned(document, 0.7))[0] == pytest.approx(expected, abs=1e-9)
+    assert follow(mirrored(document))[0] == pytest.approx(places * [1.0, -1.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.5, 1.0])
