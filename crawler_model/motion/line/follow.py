@@ -152,7 +152,7 @@ def _certify(contacts, springs, ends, ramp):
 
     The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions.
     """
-    rounding = 0.0
+    rounding = wrong = 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below = c.forward - c.force, c.backward + c.force
@@ -161,7 +161,8 @@ def _certify(contacts, springs, ends, ramp):
             ramp.violation = max(ramp.violation, excess)
             rounding = max(rounding, excess * _softest(springs, ends, c))
         if c.v != 0.0:
-            ramp.complementarity = max(ramp.complementarity, abs(c.v * (above if c.v > 0.0 else below)))
+            wrong = max(wrong, abs(c.v * (above if c.v > 0.0 else below)))
+    ramp.complementarity = max(ramp.complementarity, wrong)
     ramp.rounding += rounding
 
 
