@@ -65,8 +65,8 @@ def follow_extended(*args: Any) -> dict[str, Any]:
 def _widen() -> None:
     """Declare the numbers of all records with 80 bits, before kernels are imported."""
     spec = importlib.util.find_spec(RECORDS)
-    assert spec is not None and spec.loader is not None
-    source = spec.loader.get_source(RECORDS)  # type: ignore[attr-defined]
+    assert spec is not None
+    source = spec.loader.get_source(RECORDS)  # type: ignore[union-attr]
     sys.modules[RECORDS] = module = importlib.util.module_from_spec(spec)
     exec(source.replace("np.float64", "np.longdouble"), module.__dict__)
     count = np.bincount  # of what is reported; it takes no wider numbers

@@ -79,7 +79,9 @@ def _set_rates(contacts, springs, model, ramp, count):
             draw_spring(spring, model.curves, model.ground, ramp)
             advance_spring(spring, model.curves, ramp, s)
             stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
-            spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
+            spring.rate = ends[k].sign * ends[k].flow
+            if ramp.stepping:
+                spring.rate = spring.stiffness * (stretch - spring.d_length)
             spring.moved |= stretch != 0.0
 
 

@@ -1,12 +1,14 @@
 """Rates in any block, from the velocities: its springs eliminated like a network of resistors (star-mesh transform).
 
-Conductances are only added, never subtracted, so that large ratios of stiffness lose no digits. The contacts of a block
-are numbered as a narrow band (reverse Cuthill-McKee); row r of the matrix holds the conductances to the rows behind it.
+Conductances are only added, never subtracted. Commanded rates of stiff springs nearly cancel, though: with large ratios
+of stiffness, the velocities that they lead to are corrected once by those that the exact residual forces lead to, or
+digits would be lost. The contacts of a block are numbered as a narrow band (reverse Cuthill-McKee); row r of the matrix
+holds the conductances to the rows behind it.
 """
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from ...rounding import CRITICAL, NOISE
 from .path import limit_of
 
@@ -52,7 +54,6 @@ def _eliminate(block, matrix, count):
             part = matrix[r, d] / e.ground
             q = r + 1 + d
             f = block[q]
-            f.pull += part * e.pull
             f.ground += part * to_ground
             for j in range(f.reach, e.reach - d - 1):
                 matrix[q, j] = 0.0
@@ -62,18 +63,13 @@ def _eliminate(block, matrix, count):
 
 
 @lean
-def solve_mesh(contacts, springs, model, count):
-    """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`, whose block is changed in place; at least one contact at a spring of it is at rest.
-        count: number of contacts of the block.
-    """
-    block, ends, matrix = model.block, model.ends, model.matrix
-    _connect(contacts, springs, model, count)
-    _eliminate(block, matrix, count)
+def _substitute(block, matrix, count):
+    """Find the velocities that the pulls lead to, after elimination; returns the largest one."""
+    for r in range(count):
+        e = block[r]
+        if e.side != 0:
+            for d in range(e.reach):
+                block[r + 1 + d].pull += matrix[r, d] / e.ground * e.pull
     most = 0.0
     for r in range(count - 1, -1, -1):
         e = block[r]
@@ -84,9 +80,75 @@ def solve_mesh(contacts, springs, model, count):
                 total += matrix[r, d] * block[r + 1 + d].v
             e.v = total / e.ground
             most = max(most, abs(e.v))
+    return most
+
+
+@inlined
+def _difference(a, b, c):
+    """Compute a - b - c with one rounding (Knuth's sum of two numbers, twice)."""
+    first = a - b
+    part = first - a
+    error = (a - (first - part)) - (b + part)
+    second = first - c
+    part = second - first
+    return second + (error + ((first - (second - part)) - (c + part)))
+
+
+@lean
+def _find_flows(contacts, springs, model, ramp, count):
+    """Compute the rates of the forces of all springs, and the residual forces on sliding contacts."""
+    block, ends = model.block, model.ends
     for r in range(count):
         e = block[r]
         c = contacts[e.contact]
+        e.rough = e.v
+        e.pull = 0.0
+        for k in range(c.first, c.last):
+            o, spring = contacts[ends[k].other], springs[ends[k].spring]
+            other = block[o.row].v if o.mark == c.mark else 0.0
+            source = 0.0 if ramp.falling else ends[k].sign * spring.d_length
+            ends[k].flow = spring.stiffness * _difference(other, e.v, source)
+            e.pull += ends[k].flow
+        if e.side != 0:
+            e.pull -= limit_of(e)
+
+
+@lean
+def _correct(contacts, springs, model, count):
+    """Add the velocities that residual forces lead to to those before."""
+    block, ends = model.block, model.ends
+    _substitute(block, model.matrix, count)
+    for r in range(count):
+        e = block[r]
+        c = contacts[e.contact]
+        for k in range(c.first, c.last):
+            o = contacts[ends[k].other]
+            other = block[o.row].v if o.mark == c.mark else 0.0
+            ends[k].flow += springs[ends[k].spring].stiffness * (other - e.v)
+    for r in range(count):
+        block[r].v += block[r].rough
+
+
+@lean
+def solve_mesh(contacts, springs, model, ramp, count):
+    """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
+
+    Args:
+        contacts: CONTACT, shape (N,).
+        springs: SPRING, shape (S,).
+        model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.
+        ramp: the RAMP.
+        count: number of contacts of the block.
+    """
+    block, ends = model.block, model.ends
+    _connect(contacts, springs, model, count)
+    _eliminate(block, model.matrix, count)
+    most = _substitute(block, model.matrix, count)
+    if not ramp.stepping:
+        _find_flows(contacts, springs, model, ramp, count)
+        _correct(contacts, springs, model, count)
+    for r in range(count):
+        e = block[r]
         if e.side != 0:
             e.force = limit_of(e)
             if abs(e.v) <= NOISE * most or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * most):
@@ -95,11 +157,10 @@ def solve_mesh(contacts, springs, model, count):
         e = block[r]
         c = contacts[e.contact]
         if e.side == 0:
-            e.force = e.load
+            e.force = e.load if ramp.stepping else 0.0
             e.scale = abs(e.load)
             for k in range(c.first, c.last):
                 o = contacts[ends[k].other]
-                if o.mark == c.mark:
-                    pull = springs[ends[k].spring].stiffness * block[o.row].v
-                    e.force += pull
-                    e.scale += abs(pull)
+                pull = springs[ends[k].spring].stiffness * block[o.row].v if o.mark == c.mark else 0.0
+                e.force += pull if ramp.stepping else ends[k].flow
+                e.scale += abs(pull)

@@ -156,6 +156,7 @@ END = np.dtype(
         ("other", _INT),  # contact at the other end
         ("spring", _INT),
         ("sign", _FLOAT),  # 1 if the tension pulls the contact forward, -1 backward
+        ("flow", _FLOAT),  # rate of the force of the spring on the contact that `mesh` finds [N]
     ],
     align=True,
 )
@@ -182,6 +183,7 @@ BLOCK = np.dtype(
         # where the block is a graph
         ("ground", _FLOAT),  # sum of the stiffnesses to contacts at rest [N/m]
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
+        ("rough", _FLOAT),  # velocity before its correction [m]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
         ("member", _INT),  # contacts, those of each part together, see `parts`
