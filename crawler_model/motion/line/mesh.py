@@ -96,7 +96,7 @@ def _difference(a, b, c):
 
 @lean
 def _find_flows(contacts, springs, model, ramp, count):
-    """Compute the rates of the forces of all springs, and the residual forces on sliding contacts."""
+    """Compute the rates of the forces of all springs, in each end, and the residual forces on sliding contacts."""
     block, ends = model.block, model.ends
     for r in range(count):
         e = block[r]
@@ -115,7 +115,7 @@ def _find_flows(contacts, springs, model, ramp, count):
 
 @lean
 def _correct(contacts, springs, model, count):
-    """Add the velocities that residual forces lead to to those before."""
+    """Add the velocities and the rates that residual forces lead to."""
     block, ends = model.block, model.ends
     _substitute(block, model.matrix, count)
     for r in range(count):
@@ -132,6 +132,8 @@ def _correct(contacts, springs, model, count):
 @lean
 def solve_mesh(contacts, springs, model, ramp, count):
     """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
+
+    An implicit step is not corrected: it finds forces, not their rates, and flat springs are left out of those.
 
     Args:
         contacts: CONTACT, shape (N,).
