@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ...compiled import lean
+from ...rounding import EPS
 
 _EDGE = 1e-6
 """A length that is a power of 2 but for rounding is not rounded down to the next one."""
@@ -44,7 +45,7 @@ def snap(frame, place, length, scope):
     Returns:
         The length.
     """
-    if frame.vector or length == np.inf:
+    if frame.vector or length == np.inf or not scope > EPS:
         return length
     grid = round_down(frame, _GRID * scope)
     end = math.floor((place + length) / grid + 0.5) * grid
