@@ -13,10 +13,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
 from numba.core import event, ir, types
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_lock import require_global_compiler_lock
 from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.runtime.nrt import rtsys
 from numba.core.typed_passes import NoPythonSupportedFeatureValidation
@@ -29,7 +32,7 @@ _SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "mo
 """The files of this package that hold kernels, or that files with kernels import; a test keeps the list complete."""
 _COMPILER_BYTES = 512 << 20
 """Address space that compiling takes."""
-_INNER = {"_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of numba for functions that Python does not call."""
 _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
@@ -66,10 +69,8 @@ def entry(function: Callable[..., Any]) -> Callable[..., Any]:
     return _compile(function, _nrt=False)
 
 
-def lean(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function like `entry`, to be called by other kernels alone.
-
-    What Python needs to call it would take a third of the time that compiling takes.
+def inner(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function like `compiled`, to be called by other kernels alone: it becomes a part of them.
 
     Args:
         function: the function to compile.
@@ -77,14 +78,27 @@ def lean(function: Callable[..., Any]) -> Callable[..., Any]:
     Returns:
         The compiled function.
     """
-    return _compile(function, **_INNER)
+    return _compile(function, _nrt=True, **_INNER)
+
+
+def lean(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function like `entry`, to be called by other kernels alone: it becomes a part of them.
+
+    Args:
+        function: the function to compile.
+
+    Returns:
+        The compiled function.
+    """
+    return _compile(function, _nrt=False, **_INNER)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function like `lean`, and copy it to where it is called.
 
     A call copies seven to nine numbers for each array and for each array in each tuple that it passes. In small
-    functions of many arrays, and in those that are called at a single place, this takes longer than the rest.
+    functions of many arrays, and in those that are called at a single place, this takes longer than the rest. Large
+    ones take longer to compile so.
 
     Args:
         function: the function to compile.
@@ -92,23 +106,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Returns:
         The compiled function.
     """
-    return _compile(function, forceinline=True, **_INNER)
-
-
-def merged(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Copy a function into the one that calls it before either is compiled.
-
-    A kernel is optimized together with all that it calls, and again in each kernel that calls it; the last of a chain
-    of calls, which are as long as all below them, are therefore merged. Merging everything would take longer: the
-    inference of types takes more than proportional time. An argument of a merged function is not compared with None.
-
-    Args:
-        function: the function to merge.
-
-    Returns:
-        The function.
-    """
-    return _compile(function, inline="always", **_INNER)
+    return _compile(function, _nrt=False, forceinline=True, **_INNER)
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
@@ -164,13 +162,57 @@ def _unsigned(index: Any) -> Any:
     return types.uintp if isinstance(index, types.Integer) else index
 
 
+class _Part(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a function that other kernels alone call: LLVM optimizes and translates it as a part of them.
+
+    numba optimizes and translates each function together with all that it calls, and again in each function that calls
+    it: in a chain of calls as long as the kernels' this takes twice as long. This code is linked as it is. What the
+    process loads is the address of the environment alone, which numba sets for every function.
+    """
+
+    def finalize(self) -> None:
+        """Link what the function calls, and keep all of it for those that call the function."""
+        require_global_compiler_lock()  # type: ignore[no-untyped-call]
+        self._raise_if_finalized()  # type: ignore[no-untyped-call]
+        code = self._final_module
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            code.link_in(library._get_module_for_linking(), preserve=True)
+        for function in code.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "linkonce_odr"  # those who call it copy it
+        environments = [str(each) for each in code.global_variables if each.name.startswith("_ZN08NumbaEnv")]
+        empty = str(self._codegen._create_empty_module(self.name))  # type: ignore[no-untyped-call]
+        self._shared_module = code
+        self._final_module = llvm.parse_assembly("\n".join([empty, *environments]))
+        self._finalize_final_module()  # type: ignore[no-untyped-call]
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
+class _KeepParts(FunctionPass):  # type: ignore[misc]
+    """Keep functions that Python does not call as parts of those that call them."""
+
+    _name = "crawler_keep_parts"
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+
+    def run_pass(self, state: Any) -> bool:
+        """Choose where the code goes."""
+        if state.flags.no_cpython_wrapper:
+            state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
+            state.library.enable_object_caching()
+        return False
+
+
 class _Compiler(CompilerBase):  # type: ignore[misc]
-    """The compiler of numba with one more pass."""
+    """The compiler of numba with two more passes."""
 
     def define_pipelines(self) -> list[Any]:
         """List the passes."""
         passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
         passes.add_pass_after(_UnsignedIndices, NoPythonSupportedFeatureValidation)
+        passes.add_pass_after(_KeepParts, _UnsignedIndices)
         passes.finalize()
         return [passes]
 

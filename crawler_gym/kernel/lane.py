@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from crawler_model.compiled import compiled
+from crawler_model.compiled import compiled, inner
 from crawler_model.motion.state import WORK
 
 from .plan import (
@@ -74,7 +74,7 @@ def find_bad(actions):
     return -1
 
 
-@compiled
+@inner
 def end_of_step(settings, step):
     """Compute the time at which a step ends, rounded as the ends of ticks are.
 
@@ -88,7 +88,7 @@ def end_of_step(settings, step):
     return step * NS * settings[RATE_BELOW] // settings[RATE]
 
 
-@compiled
+@inner
 def command(lane, clock, action, plan):
     """Turn an action into the next command; one that friction cannot hold leaves that in force.
 
@@ -119,7 +119,7 @@ def command(lane, clock, action, plan):
         aim(lane, plan)
 
 
-@compiled
+@inner
 def aim(lane, plan):
     """Write the target of the command in force, as `Columns.target` does.
 
@@ -149,7 +149,7 @@ def aim(lane, plan):
     return not (ahead < near or behind < near)
 
 
-@compiled
+@inner
 def _draw(clock):
     """Draw a number from the normal distribution: splitmix64, and the cosine of Box and Muller."""
     state = np.uint64(clock[RANDOM])
@@ -165,7 +165,7 @@ def _draw(clock):
     return math.sqrt(-2.0 * math.log(each[0])) * math.cos(2.0 * math.pi * each[1])
 
 
-@compiled
+@inner
 def observe(lane, clock, plan, first, log):
     """Write the observation after a step, the reward, and whether the episode is over; note the step in the log.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model.compiled import compiled
+from crawler_model.compiled import compiled, inner
 from crawler_model.crawler.readout import read_records
 from crawler_model.motion.line.follow import follow
 from crawler_model.motion.state import VISITED
@@ -13,7 +13,7 @@ from .lane import command, end_of_step, observe
 from .plan import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_plan, part
 
 
-@compiled
+@inner
 def _read(lane, clock, plan, contacts, springs, seen, first):
     """Read the sensors of an environment after a step, or at the start of its episode."""
     settings = plan.settings

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crawler_model.compiled import compiled
+from crawler_model.compiled import inner
 
 (
     DISPLACEMENT,  # of the contacts
@@ -93,7 +93,7 @@ INTS = ("of", "column", "stations", "observed")
 settings, the offsets of the parts of a lane, and those of both."""
 
 
-@compiled
+@inner
 def open_plan(floats, ints):
     """Find the parts of what all lanes share.
 
@@ -122,7 +122,7 @@ def open_plan(floats, ints):
     )
 
 
-@compiled
+@inner
 def part(lane, plan, which):
     """Find a part of a lane.
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled, lean
+from ..compiled import compiled, inner, lean
 from ..motion.plane.equal_steps import extrapolate_number
 from ..motion.plane.ramp import glance
 from ..motion.plane.stage import solve_stage
@@ -63,7 +63,7 @@ def _rows_of(n, columns):
     return many, many + 2 * n, 2 * many + 2 * n, 2 * many + 4 * n
 
 
-@compiled
+@inner
 def _differentiate_walk(frame, rates, course, pieces, start, found):
     """Take a part of a ramp in equal steps, with derivatives.
 
@@ -129,7 +129,7 @@ def _extrapolate(table, newest, pieces, scale, compared):
     return error
 
 
-@compiled
+@inner
 def _attempt(frame, rates, course, start, best):
     """Extrapolate walks over a part of a ramp; the arguments are those of `_differentiate_walk`.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled, lean
+from ..compiled import inner, lean
 from ..motion.plane.elastic import pull, stretch_link, stretch_vector, turn_joint
 from ..motion.plane.frame import columns_of, friction_of
 from ..motion.plane.friction import axis_of, linearise
@@ -80,7 +80,7 @@ def _add_force(frame, command, x, spring, tension, force):
     force[b, 1] -= tension * e1
 
 
-@compiled
+@inner
 def _force_rate(frame, rates, commands, x, p, force):
     """Compute how the force on each point changes with a parameter while no point moves, shape (N, 2)."""
     command, d_command = commands
@@ -154,7 +154,7 @@ def _miss_rate(frame, commands, state, turn, i):
     return du0 + across * z1 + rows[i, 10] * turn, du1 - across * z0 + rows[i, 11] * turn
 
 
-@compiled
+@inner
 def differentiate_step(frame, rates, commands, base, x, place, rests):
     """Carry the derivatives of the places of all points through an implicit step.
 
@@ -199,7 +199,7 @@ def differentiate_step(frame, rates, commands, base, x, place, rests):
             place[i, 1, p] = step[i, 1]
 
 
-@compiled
+@inner
 def work_rate(frame, rates, before, after, x, place, work):
     """Add half the derivative of the work of the actuators while the command changes and no point moves.
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from crawler_model.body.body import Body
+from crawler_model.compiled import compiled
 from crawler_model.motion.plane.frame import Frame, build_frame
 from crawler_model.motion.plane.motion import PlaneMotion
 from crawler_model.motion.plane.stage import approach, solve_stage
@@ -46,6 +47,13 @@ def command_of(directions, lengths, friction, loads=()):
     return np.concatenate([np.ravel(part).astype(float) for part in (lengths, friction, loads)])
 
 
+@compiled
+def _solve(frame, command, base, v, force):
+    solved, _ = solve_stage(frame, command, base, v, force, 0.0)
+    solved = solved or approach(frame, command, base, v, force)
+    return solved, choose_translation(frame, command, base, v, force)
+
+
 class Step(NamedTuple):
     """An implicit step: springs, the force r at v = 0, and friction, shape (n, 1) for discs, else (n, m)."""
 
@@ -66,9 +74,8 @@ class Step(NamedTuple):
         frame = frame_of(self.ends, self.stiffness, n, self.directions)
         command = command_of(self.directions, np.zeros((len(self.ends), 2)), self.friction, self.force)
         base, force, v = np.zeros((n, 2)), np.empty((n, 2)), np.full((n, 2), float(guess))
-        solved, _ = solve_stage(frame, command, base, v, force, 0.0)
-        solved = solved or approach(frame, command, base, v, force)
-        return solved, v, choose_translation(frame, command, base, v, force)
+        solved, unique = _solve(frame, command, base, v, force)
+        return solved, v, unique
 
     def solve(self, guess=0.0):
         """Solve the step to rounding; return v and whether it is unique."""

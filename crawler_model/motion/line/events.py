@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import inlined, lean, merged
+from ...compiled import inlined, lean
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
@@ -278,7 +278,7 @@ def _give_up(contacts, springs, model, ramp, count):
         contacts[model.block[j].hit].listed = 0
 
 
-@merged
+@lean
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
     ramp.undetermined = ramp.loose = 0
@@ -320,7 +320,7 @@ def _note_piece(pieces, contacts, begin, until):
         pieces[row, HEADER + n + i] = c.coming & (FORWARD | BACKWARD) if c.next <= until else 0.0
 
 
-@merged
+@lean
 def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
 

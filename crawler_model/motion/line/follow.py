@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...compiled import entry, inlined, lean, merged
+from ...compiled import entry, inlined, lean
 from .. import state
 from ..pieces import begin_ramp
 from .advance import advance, advance_spring
@@ -213,7 +213,7 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
     return STEPS
 
 
-@merged
+@lean
 def _follow_ramp(contacts, springs, model, ramp, target):
     """Follow a ramp that has begun, in parts if need be; returns the energy stored at its end."""
     how = FOLLOWS if ramp.exact else STEPS

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...compiled import lean, merged
+from ...compiled import lean
 from .critical.translation import choose_step
 from .events import solve_listed
 from .records import BACKWARD, FORWARD
@@ -67,7 +67,7 @@ def _solve_parts(contacts, springs, model, curves, ramp):
     return True
 
 
-@merged
+@lean
 def take_step(contacts, springs, model, ramp):
     """Take an implicit step from the start to the end of a ramp.
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled, inner, lean
 from .frame import load_of, span, unwind
 
 
@@ -124,7 +124,7 @@ def pull(frame, command, x, force, size):
             size[i] += large * (abs(slope[2 * k]) + abs(slope[2 * k + 1]))
 
 
-@compiled
+@inner
 def energy_of(frame, command, x):
     """Compute the energy of links and joints.
 
@@ -176,7 +176,7 @@ def stiffen_link(frame, command, x, s, block):
     block[1, 1] = across + along * e1 * e1
 
 
-@compiled
+@inner
 def stiffen_joint(frame, command, x, j, block):
     """Compute the second derivative of the energy of a joint by the positions of a, b, c.
 

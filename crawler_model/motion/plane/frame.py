@@ -132,6 +132,19 @@ def span(frame, x, a, b):
 
 
 @lean
+def assign(to, values):
+    """Copy two components of each point; a slice that is assigned takes seconds to compile.
+
+    Args:
+        to: output, shape (N, 2).
+        values: shape (N, 2).
+    """
+    for i in range(to.shape[0]):
+        to[i, 0] = values[i, 0]
+        to[i, 1] = values[i, 1]
+
+
+@lean
 def unwind(angle):
     """Subtract whole turns from an angle.
 

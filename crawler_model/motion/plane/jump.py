@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled
+from ...compiled import compiled, inner
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
-from .frame import load_of, unwind, yaw_of
+from .frame import assign, load_of, unwind, yaw_of
 from .friction import resistance
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
@@ -30,7 +30,7 @@ _SOFT = 1e-9
 """Stiffness of the springs, relative to grips, at which a body at rest has arrived."""
 
 
-@compiled
+@inner
 def nudge(frame, command, x, moved, tie):
     """Displace an unstable equilibrium along the motion in which the energy decreases most.
 
@@ -43,7 +43,7 @@ def nudge(frame, command, x, moved, tie):
             directions of a motion that is free to both sides, the one is taken whose largest component, of the first
             of these points, is positive.
     """
-    tie[:] = x
+    assign(tie, x)
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
     falls, best = decreases(frame, command, matrix, owner, UNSTABLE)
     if not falls:
@@ -87,9 +87,9 @@ def jump(frame, state, target, part, moved, account):
     work = work_of(frame, x, command, now, slope)
     base = x.copy()
     start = np.empty((n, 2))
-    last = np.empty((n, 2))
+    step = np.empty((n, 2))
     nudge(frame, now, x, moved, start)
-    base[:] = start
+    assign(base, start)
     shortest = frame.rest[: frame.ends.shape[0]].min()
     eta = 1.0
     dissipated = pulled = 0.0
@@ -98,24 +98,23 @@ def jump(frame, state, target, part, moved, account):
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
         if not solved:
-            start[:] = base
+            assign(start, base)
             least = eta
             eta *= 4.0
             continue
         longest = 0.0
         for i in range(n):
-            move0 = start[i, 0] - base[i, 0]
-            move1 = start[i, 1] - base[i, 1]
-            longest = max(longest, math.hypot(move0, move1))
-            dissipated += resistance(frame, now, start, i, move0, move1)
-            pulled += load_of(frame, now, i, 0) * move0 + load_of(frame, now, i, 1) * move1
-        last[:] = base
-        base[:] = start
+            for c in range(2):
+                step[i, c] = start[i, c] - base[i, c]
+            longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
+            dissipated += resistance(frame, now, start, i, step[i, 0], step[i, 1])
+            pulled += load_of(frame, now, i, 0) * step[i, 0] + load_of(frame, now, i, 1) * step[i, 1]
+        assign(base, start)
         if longest <= _STILL * shortest and eta <= max(_SOFT, 2.0 * least):
             done, _ = solve_stage(frame, now, base, start, force, 0.0)
             if done:
                 break
-        matrix, owner, _ = stiffness_of(frame, now, start, start - last, 1.0)
+        matrix, owner, _ = stiffness_of(frame, now, start, step, 1.0)
         falls = least_eigenvalue(matrix) if decreases(frame, now, matrix, owner, -_SOFT)[0] else 0.0
         eta *= 0.25 if longest < _LONG * shortest else 2.0
         eta = max(eta, 2.0 * least, -2.0 * falls, 0.5 * _SOFT)  # else a step may end in a maximum
@@ -132,8 +131,8 @@ def jump(frame, state, target, part, moved, account):
         for c in range(2):
             gained[i, c] += start[i, c] - x[i, c]
     yaw[0] += unwind(yaw_of(frame, start) - yaw_of(frame, x))
-    x[:] = start
-    command[:] = now
+    assign(x, start)
+    command_at(command, now, 1.0, command)
     account[WORK] += work
     account[DISSIPATION] += dissipated - pulled
     account[LOADS_WORK] += pulled

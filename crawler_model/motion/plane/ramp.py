@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean, merged
+from ...compiled import compiled, inner, lean
 from ...rounding import CRITICAL
 from ..state import (
     AMBIGUOUS,
@@ -77,7 +77,7 @@ def _time_to_reach(u0, u1, rate0, rate1, growth):
     return inside / bottom if bottom > 0.0 else np.inf
 
 
-@compiled
+@inner
 def _glance(frame, way, part, negligible, velocity, force):
     """Measure the velocities over a part of a ramp; the other arguments, and what it returns, are `glance`'s."""
     unique = True
@@ -119,7 +119,7 @@ def _glance(frame, way, part, negligible, velocity, force):
     return first, unique
 
 
-@merged
+@inner
 def glance(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
@@ -141,7 +141,7 @@ def glance(frame, way, negligible, velocity, force):
     return first, unique
 
 
-@merged
+@inner
 def _settle(frame, state, target, part, best, after, limits):
     """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
@@ -205,7 +205,7 @@ def _part_of_friction(frame, command, force):
     return force / total if total > 0.0 else 0.0
 
 
-@merged
+@inner
 def _take(frame, state, target, part, best, after, account):
     """Apply a part of a ramp to the state, and write its account."""
     x, gained, command, yaw = state
@@ -238,7 +238,7 @@ def _take(frame, state, target, part, best, after, account):
     account[EVENTS] += 1.0
 
 
-@merged
+@inner
 def _advance(frame, state, target, tolerance, velocity, books, best):
     """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none."""
     account, progress = books

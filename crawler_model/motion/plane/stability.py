@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import inner, lean
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
 from .frame import friction_of
@@ -69,7 +69,7 @@ def _add(matrix, axis, first, i, j, block):
                 matrix[p, p - q] += axis[p, 0] * push0 + axis[p, 1] * push1
 
 
-@compiled
+@inner
 def _add_frames(frame, command, x, axis, first, matrix):
     """Add by how much friction along the motion of a contact changes as its axis turns, the symmetric part of it.
 
@@ -94,7 +94,7 @@ def _add_frames(frame, command, x, axis, first, matrix):
                 matrix[max(p, q), abs(p - q)] += change if p == q else 0.5 * change
 
 
-@compiled
+@inner
 def stiffness_of(frame, command, x, moved, freedom):
     """Build how stiffly the body resists motions in the directions in which points are free, relative to their grip.
 
@@ -180,7 +180,7 @@ def _has_below(matrix, shift, work):
     return False
 
 
-@compiled
+@inner
 def least_eigenvalue(matrix):
     """Find the least eigenvalue of a symmetric band matrix by bisection.
 
@@ -216,7 +216,7 @@ def least_eigenvalue(matrix):
     return 0.5 * (low + high)
 
 
-@compiled
+@inner
 def _eigenvector_of(matrix, value):
     """Compute the eigenvector of an eigenvalue by inverse iteration."""
     count, width = matrix.shape
@@ -261,7 +261,7 @@ def _push(matrix, one_sided, motion, slope):
     return value
 
 
-@compiled
+@inner
 def decreases(frame, command, matrix, owner, unstable):
     """Determine whether the energy decreases along a forward motion.
 

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean, merged
+from ...compiled import inner, lean
 from ...rounding import CRITICAL
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
-from .frame import friction_of, load_of
+from .frame import assign, friction_of, load_of
 from .friction import axis_of, linearise
 
 _MOST_STEPS = 40
@@ -77,7 +77,7 @@ def _reach_of(frame, place):
     return 2 * apart + 1
 
 
-@merged
+@inner
 def _assemble(frame, command, x, eta, system):
     """Write the matrix and the right side of a Newton step."""
     rows, place, jump, band, right, reach = system
@@ -132,7 +132,7 @@ def _assemble(frame, command, x, eta, system):
                 _join(system, points[p], points[q], whole, (2 * p, 2 * q), 1.0)
 
 
-@merged
+@inner
 def find_step(frame, command, x, rows, step, eta):
     """Solve for a step by which the miss of each point that moves becomes zero.
 
@@ -191,7 +191,7 @@ def _hold(frame, eta, anchor, x, force, size):
                 size[i] += eta * frame.grip[i] * abs(x[i, c])
 
 
-@compiled
+@inner
 def _search(frame, command, base, anchor, x, force, eta):
     """Search the solution of an implicit step from a guess, with springs to an anchor; else as `solve_stage`."""
     n = x.shape[0]
@@ -229,14 +229,12 @@ def _search(frame, command, base, anchor, x, force, eta):
             part *= 0.5
         else:
             return False, True
-        for i in range(n):
-            for c in range(2):
-                x[i, c] = trial[i, c]
+        assign(x, trial)
         miss = after
     return False, True
 
 
-@compiled
+@inner
 def solve_stage(frame, command, base, x, force, eta):
     """Solve an implicit step.
 
@@ -257,7 +255,7 @@ def solve_stage(frame, command, base, x, force, eta):
     solved, regular = _search(frame, command, base, base, x, force, eta)
     if solved or frame.vector:
         return solved, regular
-    x[:] = base
+    assign(x, base)
     for rung in range(_RUNGS + 1):
         more = _SOFTER**rung if rung < _RUNGS else 0.0
         solved, regular = _search(frame, command, base, base, x, force, max(eta, more))
@@ -285,7 +283,7 @@ def _can_hold(frame, command):
     return frame.directions.shape[0] > 0 or math.hypot(total0, total1) <= held
 
 
-@compiled
+@inner
 def approach(frame, command, base, x, force):
     """Solve an implicit step of vector springs from anywhere, by the proximal point method.
 
@@ -307,11 +305,11 @@ def approach(frame, command, base, x, force):
     anchor = base.copy()
     more = 1.0
     for _ in range(_MOST_APPROACHES):
-        x[:] = anchor
+        assign(x, anchor)
         if not _search(frame, command, base, anchor, x, force, more)[0]:
             more *= 4.0
             continue
-        anchor[:] = x
+        assign(anchor, x)
         more *= _SOFTER
         if _search(frame, command, base, base, x, force, 0.0)[0]:
             return True

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import inner, lean
 from ...rounding import CRITICAL, EPS
 from .elastic import pull
 from .frame import friction_of
@@ -20,7 +20,7 @@ _SURELY = 1e-6
 """A contact this far inside its set, relative to its friction, fixes the translation."""
 
 
-@compiled
+@inner
 def _normal_cones(frame, command, velocity, force, size, normals, offsets):
     """Write the translations t with every v_i + t normal to C_i at its force as half-planes normals . t >= offsets.
 
@@ -91,7 +91,7 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
     return count
 
 
-@compiled
+@inner
 def choose_translation(frame, command, base, x, force):
     """Add to a step of vector springs the translation of equal cost that brings its mean nearest to zero.
 
@@ -112,7 +112,10 @@ def choose_translation(frame, command, base, x, force):
             return True
     size = np.empty(n)
     pull(frame, command, x, force, size)
-    velocity = x - base
+    velocity = np.empty((n, 2))
+    for i in range(n):
+        for c in range(2):
+            velocity[i, c] = x[i, c] - base[i, c]
     normals = np.empty((6 * n, 2))
     offsets = np.empty(6 * n)
     count = _normal_cones(frame, command, velocity, force, size, normals, offsets)

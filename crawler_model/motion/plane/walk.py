@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean, merged
+from ...compiled import inner, lean
 from .elastic import pull, stretch_link, stretch_vector, turn_joint
 from .equal_steps import extrapolate_number, farthest, find_stop
 from .frame import friction_of, load_of
@@ -83,7 +83,7 @@ def work_of(frame, x, before, after, slope):
     return total
 
 
-@compiled
+@inner
 def walk(frame, way, parts, step, total, slid):
     """Take part of the way in equal steps.
 
@@ -175,7 +175,7 @@ def _foresee(frame, way, moved, expected, force, negligible):
     return (TAKEN, 0.3, np.inf) if stops else (TAKEN, 1.0, 0.0)
 
 
-@compiled
+@inner
 def _find_crossing(frame, way, part, moved, force, negligible):
     """Estimate the part of a step up to where the force on a point that slides changes to another quarter of its set.
 
@@ -253,7 +253,7 @@ def _growth(allowed, error, last, pieces):
     return growth
 
 
-@compiled
+@inner
 def _missed(frame, way, moved, force, negligible):
     """Bound the error of an implicit step of vector springs, taken as a straight path.
 
@@ -290,7 +290,7 @@ def _missed(frame, way, moved, force, negligible):
     return math.sqrt(frame.compliance * energy)
 
 
-@merged
+@inner
 def attempt(frame, way, part, velocity, force, limits, best):
     """Compute the displacement over a part of the way and its error.
 

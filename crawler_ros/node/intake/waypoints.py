@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model.compiled import compiled
+from crawler_model.compiled import compiled, inner
 
 
 @compiled
@@ -47,7 +47,7 @@ def follow_waypoints(due, near, start_ns, ends_ns, in_force):
     return due_ns[:vertex], rows[:vertex], first, ended
 
 
-@compiled
+@inner
 def _differs(row, other):
     """Determine whether two rows differ in a bit, shape (C,)."""
     for c in range(row.size):

@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import pytest
 
+from crawler_model.compiled import compiled
 from crawler_model.motion.plane.walk import _missed
 from crawler_model.motion.state import EVENTS
 
@@ -70,6 +71,11 @@ def test_a_force_that_leaves_its_disc_may_come_back():
     np.testing.assert_allclose(whole.state.displacement, expected, atol=2e-6)
 
 
+@compiled
+def missed(frame, way, moved, force, negligible):
+    return _missed(frame, way, moved, force, negligible)
+
+
 @pytest.mark.parametrize("directional", [False, True])
 def test_a_step_is_never_further_off_than_it_says(directional):
     """One implicit step for the whole of a first ramp, against the path: the bound on the shape is one."""
@@ -86,7 +92,7 @@ def test_a_step_is_never_further_off_than_it_says(directional):
             push[a] -= k * longer
             push[b] += k * longer
         moved, _ = Step(np.array(body.ends), body.stiffness, push, body.friction, directions).solve()
-        bound = _missed(frame, way, moved, np.zeros((n, 2)), 0.0)  # at rest there is no force
+        bound = missed(frame, way, moved, np.zeros((n, 2)), 0.0)  # at rest there is no force
         off = moved - body.places[0]
         apart = np.hypot(*(off[:, None] - off[None]).transpose(2, 0, 1)).max()
         assert apart <= bound * (1.0 + 1e-9) + 1e-9
