@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from crawler_model import Trajectory
@@ -19,6 +18,7 @@ from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import error_of, write_length
 
 from .loads_report import print_holding, print_limits
+from .screen import Screen
 from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
 
@@ -76,7 +76,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
     directions = directions_of(domain_evolution(scene.drive)[1]) if body.dimension == 1 else None
     slides = (run.contact_state != 0).any(axis=0)
     printed = io.StringIO()
-    _print_findings(run, Console(file=printed, highlight=False, soft_wrap=True))
+    _print_findings(run, Screen(file=printed, soft_wrap=True))
     return {
         "schema": 1,
         "scene": scene.name,
@@ -110,7 +110,7 @@ def _contacts(run: Trajectory) -> Table:
     if loaded and not planar:
         friction = ["load [N]", "-backward - load [N]", "forward - load [N]"]
     for column in ("contact", "at [m]", *friction, "force at the start [N]", "slides"):
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     force = body.force_at(run.displacement[0], run.tension[0])
     drive = scene.drive
     if planar and scene.columns.loads:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -27,17 +28,39 @@ if TYPE_CHECKING:
 
 
 class Screen(Console):
-    """A console on which a table whose numbers would be cut turns on its side."""
+    """A console on which a table whose numbers would be cut turns on its side.
+
+    Names and paths may contain brackets: the only markup is `[yellow]...[/]`.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        """Open the console.
+
+        Args:
+            **options: those of rich's `Console`.
+        """
+        super().__init__(markup=False, highlight=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, but tables so that they fit.
+        """Print as rich does, but tables so that they fit, and of the markup yellow text alone.
 
         Args:
             *objects: what to print.
             **options: those of `Console.print`.
         """
-        fitting = [part for one in objects for part in (fit(one, self) if isinstance(one, Table) else (one,))]
+        fitting: list[Any] = []
+        for one in objects:
+            fitting += fit(one, self) if isinstance(one, Table) else [_colour(one) if isinstance(one, str) else one]
         super().print(*fitting, **options)
+
+
+def _colour(line: str) -> Text:
+    plain, *marked = line.split("[yellow]")
+    text = Text(plain)
+    for part in marked:
+        yellow, _, after = part.partition("[/]")
+        text.append(yellow, "yellow").append(after)
+    return text
 
 
 def fit(table: Table, screen: Console) -> list[Table]:
@@ -53,7 +76,7 @@ def fit(table: Table, screen: Console) -> list[Table]:
     if not any("…" in segment.text for segment in screen.render(table)):
         return [table]
     cells = [[column.header, *column.cells] for column in table.columns]
-    widths = [max(Text.from_markup(str(cell)).cell_len for cell in row) + 3 for row in zip(*cells, strict=True)]
+    widths = [max(cell_len(str(cell)) for cell in row) + 3 for row in zip(*cells, strict=True)]
     turned: list[Table] = []
     left = list(range(1, len(widths)))
     while left:
@@ -72,7 +95,7 @@ def fit(table: Table, screen: Console) -> list[Table]:
     return turned
 
 
-screen = Screen(highlight=False, soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
+screen = Screen(soft_wrap=not sys.stdout.isatty(), width=None if sys.stdout.isatty() else 160)
 SceneArgument = Annotated[str, typer.Argument(help="A scene file, or a gallery name from `crawler scenes`.")]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..body.body import Body
 from ..errors import SceneError
 from ..motion.plane.frame import build_frame
+from ..rounding import EPS
 from ..scene.scene import Scene
 from ..sweep.keys import key_steps
 from ..sweep.stack import Stack, shares_mesh, stack
@@ -25,13 +26,15 @@ _SMALLEST = 0.125
 """Values are taken to be of this size at least."""
 _CENTRAL, _ONE_SIDED = (-3, -2, -1, 0, 1, 2, 3), (0, 1, 2, 3, 4, 5, 6)
 """Places of the differences, in steps: their error is of sixth order."""
-_TRIES = 5
+_TRIES, _FINER = 8, 16.0
+"""Steps that are tried, and the ratio of each to the next one."""
 _TOGETHER = 256
 """Parameters whose arrays are assembled in one call."""
 _SAME = 1e-14
 """Numbers that change by a smaller part of their size change by rounding alone."""
-_KINK = 1e-7
-"""Part by which derivatives from two steps differ at most if the arrays have no kink there."""
+_AGREE, _NOISE = 1e-7, 64.0 * EPS
+"""Part by which derivatives from two steps differ at most if the steps are short enough and no kink is between
+them, and rounding errors of the arrays, relative to their size."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -201,6 +204,16 @@ def _differentiate_together(
         arrays = _arrays_of_stack(stack(variations, check=False))
         return arrays.reshape(which.size, len(places), -1)
 
+    def refine(i: int) -> np.ndarray:
+        """Differentiate with respect to a parameter on which arrays depend in another way, with steps short enough."""
+        finer = np.full(base.size, np.inf)
+        for _ in range(_TRIES):
+            coarser, finer = finer, _weights(_CENTRAL) @ (at(np.array([i]), _CENTRAL)[0] - base) / step[i]
+            if np.isfinite(coarser).all() and _agree(coarser, finer, base, step[i]):
+                break
+            step[i] /= _FINER
+        return finer
+
     for first in range(0, len(names), _TOGETHER):
         which = np.arange(first, min(first + _TOGETHER, len(names)))
         for i, pair in zip(which, at(which, (-1, 1)), strict=True):
@@ -208,7 +221,7 @@ def _differentiate_together(
             if (np.abs(pair[0] + pair[1] - 2.0 * base) <= _LINEAR * size).all():
                 found[names[i]] = (pair[1] - pair[0]) / (2.0 * step[i])
             else:
-                found[names[i]] = _weights(_CENTRAL) @ (at(np.array([i]), _CENTRAL)[0] - base) / step[i]
+                found[names[i]] = refine(int(i))
     return found
 
 
@@ -227,24 +240,27 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
     error: SceneError | None = None
+    finer: np.ndarray | None = None
     for _ in range(_TRIES):
         for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
             try:
                 found = _difference(at, base, places, side * step)
-                if not scene.body.bends or _agree(found, _difference(at, base, places, side * step / 16.0)):
-                    return found
+                finer = _difference(at, base, places, side * step / _FINER)
+                if _agree(found, finer, base, step / _FINER):
+                    return finer
                 break  # a start at rest has kinks where knots are met
             except SceneError as refused:
                 error = error or refused
-        step /= 16.0
-    if error is None:
-        return found
+        step /= _FINER
+    if finer is not None:
+        return finer
     raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
 
 
-def _agree(derivative: np.ndarray, finer: np.ndarray) -> bool:
-    """Determine whether differences with two steps are equal up to their errors, so that no kink is between them."""
-    return bool(np.abs(derivative - finer).max() <= _KINK * np.abs(derivative).max(initial=1.0))
+def _agree(derivative: np.ndarray, finer: np.ndarray, base: np.ndarray, step: float) -> bool:
+    """Determine whether differences with two steps, of which the second is given, are equal up to their errors."""
+    allowed = _AGREE * np.maximum(np.abs(derivative), np.abs(finer)) + _NOISE * np.abs(base) / step
+    return bool((np.abs(derivative - finer) <= allowed).all())
 
 
 def _difference(at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float) -> np.ndarray:

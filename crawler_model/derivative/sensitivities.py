@@ -169,11 +169,12 @@ def _differentiate(
     vertex_ns = [np.zeros(1, np.int64)]
     for first in range(0, tick_ns.size, _CHUNK):
         ends = tick_ns[first : first + _CHUNK]
-        vertices = build_vertices(scene.drive, derivatives, int(tick_ns[first - 1]) if first else 0, ends)
+        begin_ns = int(tick_ns[first - 1]) if first else 0
+        vertices = build_vertices(scene.drive, derivatives, begin_ns, ends)
         stretch = path.follow(vertices)
         at = np.searchsorted(vertices.time_ns, ends)
         x.append(stretch.x[at])
-        dx.append(_at_fixed_times(path, vertices, stretch, at))
+        dx.append(_at_fixed_times(path, vertices, stretch, at, begin_ns))
         if scene.drive.period is not None:
             ramps = sum(map(len, d_works)) + 1
             done = np.flatnonzero((vertices.before == 0) & (vertices.part == 0.0) & (vertices.after == 0))
@@ -224,12 +225,14 @@ def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
 
 
-def _at_fixed_times(path: TangentPath | PlanePath, vertices: Vertices, stretch: Stretch, at: np.ndarray) -> np.ndarray:
+def _at_fixed_times(
+    path: TangentPath | PlanePath, vertices: Vertices, stretch: Stretch, at: np.ndarray, begin_ns: int
+) -> np.ndarray:
     """Select the derivatives at ticks; where a waypoint moves past a tick, those of the path at the fixed time."""
     dx = stretch.dx[at]
     for k in np.flatnonzero(vertices.d_time[at].any(axis=1)):
         i = int(at[k])
-        begin = int(vertices.time_ns[i - 1]) if i else int(vertices.time_ns[i]) - 1
+        begin = int(vertices.time_ns[i - 1]) if i else begin_ns
         speed = stretch.speed[i] * (NS / (int(vertices.time_ns[i]) - begin))
         dx[k] -= speed[..., None] * vertices.d_time[i]
         path.one_sided |= vertices.d_time[i] != 0.0

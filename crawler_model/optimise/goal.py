@@ -18,6 +18,8 @@ TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
 DEFAULT_PERIODS = 10
 """Periods that count on patches of ground, as many as `simulate` runs."""
 _WORST = 1e6
+_LEAST_GAIN = 1e-7
+"""Least gain of a body that moves, relative to the travel of its actuators; tensions repeat to less than that."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +161,8 @@ def score(objective: str, regime: Regime) -> float:
 
 
 def _moves(regime: Regime) -> bool:
-    """Determine whether a gain is more than rounding: a body at rest has no cost of transport."""
-    return abs(regime.gain) > 1e-9 * max(regime.travel, 1e-300)
+    """Determine whether a gain is more than what a transient leaves: a body at rest has no cost of transport."""
+    return regime.settled and abs(regime.gain) > _LEAST_GAIN * max(regime.travel, 1e-300)
 
 
 def _derivative(objective: str, found: RegimeDerivatives) -> tuple[float, np.ndarray]:

@@ -24,7 +24,7 @@ from .unknowns import Cycle
 _REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10
 """Part of the forces at its weaker contact within which a tension is taken to repeat; for derivatives and peaks the
 second number counts."""
-_PERIODS = (3, 10, 32)
+_PERIODS = (3, 10, 32, 100, 316)
 """Periods after which candidates are measured, if their tensions repeat; the others are run again, for longer."""
 _MOST_PERIODS = _PERIODS[-1]
 _DERIVATIVE_REPEATS = 1e-9

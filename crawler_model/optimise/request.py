@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +13,7 @@ from ..body.names import name_joints
 from ..derivative.parameters import expand_keys
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
-from ..sweep.keys import key_steps
+from ..sweep.keys import key_steps, overlap
 from ..sweep.vary import Variations
 from .unknowns import Table, Unknowns
 
@@ -126,6 +127,10 @@ def _expand(scene: Scene, given: Mapping[str, Bounds]) -> tuple[tuple[str, ...],
                 raise SceneError(f"free: {name} is named twice")
             keys.append(name)
             bounds.append(both)
+    paths = Variations(scene, dict.fromkeys(keys, np.zeros(1)), (1,)).paths
+    for (key, path), (other, way) in itertools.combinations(zip(keys, paths, strict=True), 2):
+        if overlap(path, way):
+            raise SceneError(f"free: {key} and {other} set the same number")
     low, high = np.array(bounds).reshape(-1, 2).T
     return tuple(keys), low.copy(), high.copy()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
 from .friction_parts import (
     Deep,
@@ -317,12 +317,18 @@ class GroundPart(Part):
         return self
 
 
+def _check_printable(name: str) -> str:
+    if not name.isprintable():
+        raise ValueError(f"{name!r} contains control characters; they must not get into terminals and descriptions")
+    return name
+
+
 class SceneParts(Part):
     """A crawler, its ground, its start and its drive, as a scene file holds them: SI units throughout."""
 
     model_config = ConfigDict(title="Scene")
 
-    name: Annotated[str, key("Name in tables and recordings.")]
+    name: Annotated[str, AfterValidator(_check_printable), key("Name in tables and recordings.")]
     dimension: Annotated[Literal[1, 2], key("1 on a line, 2 in the plane.")] = 1
     body: Annotated[BodyPart, key("The parts of the crawler.")]
     friction: Annotated[

@@ -5,10 +5,11 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Attachment, Channel, Schema
@@ -18,6 +19,9 @@ from crawler_model import Scene, SceneError
 from .blocks import BagError as BagError
 from .blocks import Block as Block
 from .blocks import Contents, read_file
+
+if TYPE_CHECKING:
+    from .bag_writer import BagWriter
 
 
 def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
@@ -269,8 +273,9 @@ def recover(path: Path, folder: Path) -> int:
         The number of messages recovered.
 
     Raises:
-        BagError: when the file is not a recording.
+        BagError: when the file is not a recording, or no message can be read.
         FileExistsError: when the folder exists.
+        OSError: when the disk is full; the folder is removed whenever the recovery does not end.
     """
     from .bag_writer import BagWriter
 
@@ -278,6 +283,19 @@ def recover(path: Path, folder: Path) -> int:
     for _ in read_blocks(path, bag):  # an attachment may follow the messages
         pass
     writer = BagWriter(folder, {"recovered": {"from": path.name}})
+    try:
+        count = _copy(path, bag, writer)
+        writer.close()
+        if count == 0:
+            raise BagError(f"{path}: no message can be read; nothing was recovered")
+    except BaseException:  # a part of a recovery would pass for a recording
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return count
+
+
+def _copy(path: Path, bag: Bag, writer: BagWriter) -> int:
+    """Copy what can be read of a recording; return the number of messages."""
     for attachment in bag.attached:
         writer.add_attachment(attachment)
     channels: dict[int, int] = {}
@@ -294,5 +312,4 @@ def recover(path: Path, folder: Path) -> int:
             data = block.data[first : first + size].tobytes()
             writer.write(channels[number], log_ns, publish_ns, data, sequence)
             count += 1
-    writer.close()
     return count

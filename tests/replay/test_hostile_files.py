@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -209,6 +210,25 @@ def test_files_of_several_recordings_in_a_folder_are_refused(tmp_path):
         (tmp_path / f"{name}.mcap").write_bytes(mcap())
     with pytest.raises(bag.BagError, match=r"2 \.mcap files in this folder; name one of them"):
         bag.find_files(tmp_path)
+
+
+def test_a_recovery_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+    file = tmp_path / "torn.mcap"
+    file.write_bytes(mcap(*described(), *[message(k) for k in range(5)]))
+
+    def fill_the_disk(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(BagWriter, "write", fill_the_disk)
+        with pytest.raises(OSError, match="No space left"):
+            bag.recover(file, tmp_path / "again")
+    assert not (tmp_path / "again").exists()
+    assert bag.recover(file, tmp_path / "again") == 5
+    (tmp_path / "bare.mcap").write_bytes(mcap(*described()))
+    with pytest.raises(bag.BagError, match="no message can be read"):
+        bag.recover(tmp_path / "bare.mcap", tmp_path / "bare")
+    assert not (tmp_path / "bare").exists()
 
 
 def test_recovery_keeps_sequence_numbers_and_all_attachments(tmp_path):

@@ -20,7 +20,7 @@ def printed(width: int) -> str:
     for row in ROWS:
         table.add_row(*row)
     stream = io.StringIO()
-    Screen(file=stream, width=width, highlight=False).print(table)
+    Screen(file=stream, width=width).print(table)
     return stream.getvalue()
 
 

@@ -116,7 +116,7 @@ def test_files_have_one_subject_and_are_short():
     assert [str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) >= MOST_LINES] == []
 
 
-KERNELS = {"compiled", "entry", "lean", "inlined", "merged"}
+KERNELS = {"compiled", "entry", "inner", "lean", "inlined"}
 """Decorators of kernels."""
 
 

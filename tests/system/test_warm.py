@@ -122,7 +122,7 @@ def test_warm_loads_what_is_there_and_says_where_it_is():
     done = crawler("warm", "line")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("ready: line; 0 functions compiled in ")
-    assert done.stderr == "crawler: compiling line: up to 28 s of processor time in 1 process(es) ...\n"
+    assert done.stderr == "crawler: compiling line: up to 17 s of processor time in 1 process(es) ...\n"
 
 
 @pytest.mark.slow
@@ -140,4 +140,4 @@ def test_what_is_expected_is_about_what_is_compiled(tmp_path):
 def test_the_cache_is_measured_by_the_cost_of_its_functions():
     count, seconds = measure_compiled()
     assert count > 100
-    assert 0.3 * count <= seconds <= 0.9 * count
+    assert 0.1 * count <= seconds <= 0.5 * count

@@ -14,7 +14,7 @@ from ...body.plan import Plan
 from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
 from ..jump import Jump
-from ..state import DISSIPATION, LOADS_WORK, SPENT, VISITED, WORK
+from ..state import ACCOUNT_SIZE, DISSIPATION, LOADS_WORK, OVERSPENT, SPENT, VISITED, WORK
 from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
@@ -32,6 +32,9 @@ _FAR = 1024.0
 """Displacements of more sizes of the body lose digits."""
 _AHEAD = 1e-6
 """Part of a ramp by which commands go on where the body jumps."""
+_NEARER, _CONTINUOUS = 16.0, 8.0
+"""Commands that go on by a part so much shorter move a body that slides on by so much less at least; one that buckles
+moves by the square root of that, one that falls as far."""
 
 
 @dataclass(eq=False)
@@ -282,22 +285,32 @@ class PlaneMotion:
                 if not force_step(self.frame, arrays, target, account, progress):
                     raise CommandError(nowhere)
                 continue
-            if not self.body.turning.jumps:
-                raise CommandError(
-                    f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
-                    "on_instability: refuse; jump lets the body move to another one"
-                )
             ahead = 4.0 * ahead if place <= landed else _AHEAD
             part = min(ahead / (1.0 - place), 1.0)
+            before = tuple(array.copy() for array in arrays)
             found, contact, distance, loss = jump(self.frame, arrays, target, part, velocity, account)
             if not found:
                 raise CommandError(nowhere)
             progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
             progress[LENGTH] = ahead
-            velocity[:] = 0.0
-            if distance > self.tolerance:
+            if not self._falls(before, target, part, velocity, distance):
+                account[OVERSPENT] += distance > self.tolerance  # no part of the ramp keeps the tolerance here
+            elif not self.body.turning.jumps:
+                raise CommandError(
+                    f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
+                    "on_instability: refuse; jump lets the body move to another one"
+                )
+            elif distance > self.tolerance:
                 yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
+            velocity[:] = 0.0
         state.stability[0] = progress[MARGIN]
+
+    def _falls(
+        self, state: tuple[np.ndarray, ...], target: np.ndarray, part: float, moved: np.ndarray, distance: float
+    ) -> bool:
+        """Determine whether a body that moved by a distance with a part of a ramp has jumped, or slid on."""
+        found, _, nearer, _ = jump(self.frame, state, target, part / _NEARER, moved, np.zeros(ACCOUNT_SIZE))
+        return not found or distance < _CONTINUOUS * nearer
 
 
 @functools.lru_cache

@@ -135,7 +135,7 @@ def nearest_face(frame, command, at, z0, z1, close):
         d0, d1 = frame.directions[k]
         before0, before1 = corner_of(frame, command, at, (k - 1) % m)
         after0, after1 = corner_of(frame, command, at, k)
-        beyond = z0 * d0 + z1 * d1 - command[at + k]
+        beyond = -(command[at + k] - z0 * d0 - z1 * d1)  # rounded as in gap_in: a force is inside or beyond an edge
         if (z1 - before1) * d0 - (z0 - before0) * d1 > 0.0 > (z1 - after1) * d0 - (z0 - after0) * d1:
             if beyond > 0.0 and beyond * beyond < best:
                 best = beyond * beyond

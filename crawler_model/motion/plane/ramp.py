@@ -37,6 +37,8 @@ and shorter ones invariance, and with polygons, whose paths are straight; and by
 velocities change."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
+_INWARDS = 1e-12
+"""A point on the boundary whose force moves inwards more slowly than this, relative to the set, stays there [1]."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
 """Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced, and up
 to a point that starts or stops."""
@@ -66,15 +68,19 @@ stability margin; the number of parts after which the caller goes on."""
 
 @lean
 def _time_to_reach(u0, u1, rate0, rate1, growth):
-    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never."""
+    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never.
+
+    One on the circle that moves inwards reaches it on the other side.
+    """
     inside = 1.0 - u0 * u0 - u1 * u1
-    if inside <= _BAND:
-        return np.inf
     bend = rate0 * rate0 + rate1 * rate1 - growth * growth
     outwards = u0 * rate0 + u1 * rate1 - growth
     under = outwards * outwards + bend * inside
-    bottom = outwards + math.sqrt(under) if under > 0.0 else 0.0
-    return inside / bottom if bottom > 0.0 else np.inf
+    if (inside <= _BAND and outwards > -_INWARDS) or under <= 0.0:
+        return np.inf
+    if outwards < 0.0:
+        return (math.sqrt(under) - outwards) / bend if bend > 0.0 else np.inf
+    return inside / (math.sqrt(under) + outwards)
 
 
 @inner
@@ -175,12 +181,12 @@ def _settle(frame, state, target, part, best, after, limits):
     gained = energy_of(frame, now, after) - stored
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
-    if frame.vector:
-        return solved, residual, shift
     most = 0.0
     for i in range(n):
-        most = max(most, math.hypot(force[i, 0], force[i, 1]))
+        most = max(most, friction_of(frame, now, i)[2])
     balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
+    if frame.vector:
+        return solved and balanced, residual, shift
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
     return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual, shift
 

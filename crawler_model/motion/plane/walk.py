@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from ...compiled import inner, lean
+from ...rounding import EPS
 from .elastic import pull, stretch_link, stretch_vector, turn_joint
 from .equal_steps import extrapolate_number, farthest, find_stop
 from .frame import friction_of, load_of
@@ -144,6 +145,12 @@ def walk(frame, way, parts, step, total, slid):
 
 
 @lean
+def _blur(start, i, friction):
+    """Bound the rounding error of the work of a displacement from a position [J]."""
+    return 8.0 * EPS * (abs(start[i, 0]) + abs(start[i, 1])) * friction
+
+
+@lean
 def _foresee(frame, way, moved, expected, force, negligible):
     """Find whether a point starts inside a part of the way, from the forces at its start, or stops at once.
 
@@ -162,6 +169,7 @@ def _foresee(frame, way, moved, expected, force, negligible):
         gap = gap_of(frame, command, start, i, force)
         if frame.directions.shape[0] > 0 and moves > 0.0:
             work = resistance(frame, command, start, i, moved[i, 0], moved[i, 1])
+            work -= _blur(start, i, friction_of(frame, command, i)[2])
             gap = (work - force[i, 0] * moved[i, 0] - force[i, 1] * moved[i, 1]) / moves
         if moves <= negligible:
             stops = stops or (moves == 0.0 and gap <= frame.grip[i] * negligible)
@@ -278,7 +286,7 @@ def _missed(frame, way, moved, force, negligible):
         along = force[i, 0] * v0 + force[i, 1] * v1
         if frame.directions.shape[0] > 0:
             gap = resistance(frame, command, start, i, v0, v1) - along
-            energy += gap if gap > band * speed else 0.0
+            energy += gap if gap > band * speed + _blur(start, i, most) else 0.0
             continue
         strength = math.hypot(force[i, 0], force[i, 1])
         gap = most - strength

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from crawler_model import Scene
@@ -279,7 +278,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         screen.print(found.unpaired)
     table = Table()
     for column in ("", "A", "B", "B - A"):
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     if abs(one.seconds - two.seconds) > 1e-6:
         screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")
     size = max(one.table.size, two.table.size)
@@ -320,7 +319,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     table.add_column("run", no_wrap=True)
     columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
     for column in (*columns, "cycles paired"):
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     size = max(run.table.size for run in (first, *(c.second for c in found)))
     for run, compared in ((first, None), *((c.second, c) for c in found)):
         y = run.table.net_translation

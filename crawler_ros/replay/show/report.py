@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from crawler_model.body.drive import NS
@@ -55,7 +54,7 @@ def _topics(topics: dict[str, TopicHealth]) -> Table:
     table = Table()
     table.add_column("topic", no_wrap=True)
     for column in ("messages", "per second", "stamps [s]", "missing", "out of order"):
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     for name, topic in topics.items():
         stamps = "" if topic.first is None or topic.last is None else f"{topic.first:g} .. {topic.last:g}"
         wrong = [f"{topic.out_of_order} back"] * bool(topic.out_of_order)
@@ -79,7 +78,7 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
     columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
     columns += [""] if transient else []
     for column in columns:
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     count = len(cycles)
     rows = list(range(count))
     if count > _MOST_CYCLES:
@@ -177,7 +176,7 @@ def _print_incidents(replay: Replay, screen: Console) -> None:
         return
     lines = replay.incidents.explain()
     for line in lines[:_MOST_REASONS]:
-        screen.print(f"[yellow]incident:[/] {escape(line)}")
+        screen.print(f"[yellow]incident:[/] {line}")
     if len(lines) > _MOST_REASONS:
         screen.print(f"{len(lines) - _MOST_REASONS} more kind(s) of incidents")
     if not lines:

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, simulate
@@ -174,7 +173,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
     table.add_column("run")
     columns = ("cycles", "cycle [s]", "translation [m]", "difference [m]", "speed [m/s]", "work [J]", "dissipation [J]")
     for column in columns:
-        table.add_column(escape(column), justify="right")
+        table.add_column(column, justify="right")
     size = max(walk.size for walk in walks)
     for walk in walks:
         gain, cycle = walk.gains[-1], walk.cycle_s
@@ -184,7 +183,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
             for part in (walk.work, walk.dissipation)
         ]
         table.add_row(
-            escape(walk.name),
+            walk.name,
             str(walk.starts.size),
             f"{cycle:.6g}",
             write_length(gain, size, walk.error),

@@ -404,3 +404,61 @@ def test_a_duration_out_of_range_is_refused() -> None:
         sensitivities(load_scene("two_anchor_a"), ["drive.length"], duration=-1.0)
     with pytest.raises(CommandError, match="lower rate"):
         sensitivities(load_scene("ten_contact_wave"), ["friction.forward"], duration=1e5, rate=1e4)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-3, 1.0, 1e3])
+def test_derivatives_do_not_depend_on_the_unit_of_length(unit: float) -> None:
+    body = {"contacts": [0.1 * i * unit for i in range(4)], "links": {"stiffness": 10.0 / unit}}
+    wave = {"amplitude": 0.05 * unit, "wavelength": 0.5 * unit, "period": 1.0, "samples": 8}
+    document = {"name": "wave", "body": body, "friction": {"forward": 0.2, "backward": 0.6}, "drive": {"wave": wave}}
+    found = sensitivities(Scene.model_validate(document | {"start": "relaxed"}), ["drive.wave.wavelength"], 3.0, 8.0)
+    assert found.per_period[-1, 0] == pytest.approx(-0.0222721533, rel=1e-7)
+
+
+def test_a_segment_that_ends_with_its_table_has_exact_derivatives() -> None:
+    """Where the table ends, the arrays have a kink in their second derivatives; steps become short enough."""
+    values = [0.3, 0.3 - 1e-5, 0.3 + 1e-5]
+    document = draw_segment(0)
+    segment = document["body"]["segments"][0]
+    key = f"body.segments.{segment['name']}.to" if "name" in segment else "body.segments[0].to"
+    segment["from"], segment["to"] = 0.0, values[0]
+    segment["friction"] = {"forward": {"at": [0.0, 0.3], "value": [0.5, 1.5]}, "backward": 4.0}
+    scene = Scene.model_validate(document)
+    found = sensitivities(scene, [key], 1.0, 4.0)
+    runs = [simulate(one, 1.0, 4.0).displacement for one in vary(scene, {key: values[1:]})]
+    expected = (runs[1] - runs[0]) / (values[2] - values[1])
+    np.testing.assert_allclose(found.displacement[..., 0], expected, atol=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("rate", [4.0, 8.0])
+def test_a_waypoint_at_the_first_tick_moves_past_it_with_the_speed_of_the_ramp(rate: float) -> None:
+    drive = {"times": [0, 0.25, 1.0], "period": 1.0, "actuation": [[0], [1], [0]]}
+    body = {"contacts": [0, 1], "links": {"stiffness": 8.0}}
+    scene = Scene.model_validate(
+        {"name": "two", "body": body, "friction": {"forward": 0.5, "backward": 8.0}, "drive": drive}
+    )
+    found = sensitivities(scene, ["drive.times[1]"], 1.0, rate)
+    assert found.displacement[list(found.time).index(0.25), :, 0] == pytest.approx([0.0, -4.0])
+
+
+def test_forces_on_edges_of_polygons_have_the_derivatives_of_these_edges() -> None:
+    rng = np.random.default_rng(0)
+    friction = [0.3, 0.25, 0.2, 0.28, 0.26]
+    key, compared = "drive.actuation[1][0][0]", 0
+    for angle in rng.uniform(0.0, 2.0 * np.pi, 60):
+        document = {"name": "edges", "dimension": 2, "tolerance": 1e-8}
+        document["body"] = {"contacts": [[0, 0], [0.2, 0]], "links": {"stiffness": 15.0}}
+        document["friction"] = {
+            "directions": [0.0, 1.2, 2.5, 3.6, 5.1],
+            "value": [[10.0 * f for f in friction], friction],
+        }
+        way = [0.1 * np.cos(angle), 0.1 * np.sin(angle)]
+        scene = Scene.model_validate(document | {"drive": {"times": [0, 1], "actuation": [[[0, 0]], [way]]}})
+        found = sensitivities(scene, [key], 1.0, 10.0)
+        runs = [simulate(one, 1.0, 10.0).displacement for one in vary(scene, {key: way[0] + 1e-5 * np.arange(-1, 2)})]
+        left, right = (runs[1] - runs[0]) / 1e-5, (runs[2] - runs[1]) / 1e-5
+        smooth = np.abs(left - right).max(axis=(1, 2)) < 1e-4
+        if not found.one_sided[0]:
+            np.testing.assert_allclose(found.displacement[smooth, ..., 0], left[smooth], atol=1e-3)
+            compared += 1
+    assert compared > 30

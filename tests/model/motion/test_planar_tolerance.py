@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import functools
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from crawler_model import Crawler, Scene
 from crawler_model.compiled import compiled
 from crawler_model.motion.plane.walk import _missed
 from crawler_model.motion.state import EVENTS
@@ -69,6 +72,33 @@ def test_a_force_that_leaves_its_disc_may_come_back():
     whole = Rig(friction, DISC, PAIR, [1.0])
     whole.follow(lengths[::2], 1e-6)
     np.testing.assert_allclose(whole.state.displacement, expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7])
+def test_contacts_that_leave_their_discs_and_return_on_the_other_side_start_there(tolerance):
+    """All slide at the end of the first ramp and rest at the start of the way back."""
+    body = {"contacts": [[1.3249, 2.0586], [2.4422, 0.9011], [2.5980, 1.3433]]}
+    body["links"] = {"stiffness": [58.034546547364315, 18.480237677679494]}
+    there = np.array([[0.0853672236262776, 0.0668841457591374], [0.10018454621095575, -0.21571879436628624]])
+    places = []
+    for value in (tolerance, 1e-9):
+        document = {"name": "back", "dimension": 2, "tolerance": value, "body": body}
+        document["friction"] = {"isotropic": 0.5030643384055251}
+        document["drive"] = {"times": [0, 1], "actuation": [np.zeros((2, 2)).tolist(), there.tolist()]}
+        crawler = Crawler(Scene.model_validate(document))
+        crawler.advance(there)
+        step = crawler.advance(0.0 * there)
+        places.append(crawler.displacement)
+    assert abs(step.certificate.energy_residual) < 1e-10
+    assert np.abs(places[0] - places[1]).max() < tolerance * np.abs(there).max()
+
+
+def test_rounding_of_short_displacements_does_not_shorten_parts():
+    """A million parts followed at 1e-7, where a contact seemed to start within each of them."""
+    document = json.loads((Path(__file__).parents[1] / "planar_hard_cases.json").read_text())["loaded_polygons"]
+    for tolerance in (1e-6, 1e-7):
+        crawler = Crawler(Scene.model_validate(document | {"tolerance": tolerance}))
+        assert max(crawler.follow(target[None]).events for target in crawler.scene.drive.targets[1:]) < 100
 
 
 @compiled

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -309,3 +311,15 @@ def test_a_contact_that_is_pushed_is_unstable():
     length = 1.0 + 0.5 - 1.0 / 50.0, 1.0 - 0.5 + 1.0 / 50.0
     assert margins == pytest.approx([-1.0 / 50.0 / (1.0 - 1.0 / 50.0), 1.0 / 50.0 / length[1]], rel=0.5)
     assert margins[0] < 0.0 < margins[1]
+
+
+def test_a_body_that_cannot_be_followed_to_the_tolerance_is_not_taken_to_jump():
+    """Friction a thousand times less to one side; at 1e-8 no part of some stretches keeps its share of the tolerance."""
+    document = json.loads((Path(__file__).parents[1] / "planar_hard_cases.json").read_text())["one_sided_chain"]
+    ends = []
+    for tolerance in (1e-6, 1e-8):
+        crawler = Crawler(Scene.model_validate(document | {"tolerance": tolerance, "on_instability": "refuse"}))
+        step = crawler.advance(crawler.scene.drive.targets[1, :11])
+        ends.append(crawler.displacement)
+    assert step.overspent
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-7)

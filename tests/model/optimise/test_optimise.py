@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate
+from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate, simulate_many
 from crawler_model.optimise.goal import Goal
 from crawler_model.optimise.optimise import build_space
 from crawler_model.optimise.search import search
@@ -330,3 +330,15 @@ def test_a_mistake_is_one_line(given, message):
 def test_a_scene_that_has_no_best_gait_is_one_line(name, given, message):
     with pytest.raises(CrawlerError, match=message):
         optimise(name, **given)
+
+
+def test_a_transient_that_dies_out_has_no_cost_of_transport():
+    links = [{"stiffness": 8.5}, {"stiffness": 9.4}]
+    links[1]["passive"] = {"stops": {"shortest": -0.01, "longest": 0.06, "stiffness": 100.0}}
+    friction = {"forward": [0.26, 0.22, 0.12], "backward": [0.42, 0.44, 0.28]}
+    scene = {"name": "stops", "body": {"contacts": [0, 0.1, 0.25], "links": links}, "friction": friction}
+    best = optimise(
+        Scene.model_validate(scene), "cost-of-transport", stroke=(-0.03, 0.1), waypoints=3, seed=1, seconds=8.0
+    )
+    assert best.gain > 1e-3
+    assert simulate_many([best.scene], 50.0).cost_of_transport[0] == pytest.approx(best.value, rel=1e-9)
