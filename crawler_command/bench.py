@@ -169,4 +169,4 @@ def _write_rows(name: str, rows: list[dict[str, Any]], quick: bool, as_json: boo
         print(text)
         return
     print_rows(rows, screen)
-    screen.print(f"written: {file}", markup=False)
+    screen.print(f"written: {file}")

@@ -102,7 +102,7 @@ def replay(
 
         print_replay(found, screen)
         for line in filter(None, (recovered, *written)):
-            screen.print(line, markup=False)
+            screen.print(line)
     _check_healthy(recording, found)
 
 

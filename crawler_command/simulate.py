@@ -155,9 +155,9 @@ def _print_translation(run: Trajectory, rate: float) -> None:
     """Print the net translation at each waypoint, of long drives at the first and the last ones."""
     table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
-    table.add_column(r"time \[s]", justify="right")
-    table.add_column(r"net translation \[m]", justify="right")
-    table.add_column(r"gained in the period \[m]" if periods else r"gained \[m]", justify="right")
+    table.add_column("time [s]", justify="right")
+    table.add_column("net translation [m]", justify="right")
+    table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
 
     y, error = run.waypoint_net_translation, error_of(run.scene)
     size = float(abs(run.displacement).max()) + float(abs(run.scene.drive.actuation).max())

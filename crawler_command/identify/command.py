@@ -147,7 +147,7 @@ def _print(found: Identification, written: list[str], as_json: bool) -> None:
 
     print_identification(found, screen)
     for line in written:
-        screen.print(line, markup=False)
+        screen.print(line)
 
 
 def split_keys(texts: Sequence[str]) -> list[str]:

@@ -74,6 +74,6 @@ def excite_command(
         )
         print_listing(list_parameters(found.parameters, title), screen)
         if out is not None:
-            screen.print(f"scene: {out}", markup=False)
+            screen.print(f"scene: {out}")
     if found.interrupted:
         raise typer.Exit(130)

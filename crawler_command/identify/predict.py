@@ -54,9 +54,9 @@ def predict_command(
         return
     screen.print(tabulate_forecast(found))
     for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
-        screen.print(line, markup=False)
+        screen.print(line)
     if png is not None:
-        screen.print(f"picture: {png}", markup=False)
+        screen.print(f"picture: {png}")
 
 
 def tabulate_forecast(found: Forecast) -> Table:

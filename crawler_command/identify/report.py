@@ -220,7 +220,7 @@ def print_listing(listing: Listing, console: Console) -> None:
         least += 3 + (min(longest, _SHORTEST) if broken else longest)
         table.add_column(head, overflow="fold", no_wrap=not broken)
     for row in listing.rows:
-        table.add_row(*(_plain(cell) for c, cell in enumerate(row) if c not in below))
+        table.add_row(*(cell for c, cell in enumerate(row) if c not in below))
     # a table that cannot be narrow enough is wider than the console, which breaks its lines, but cuts nothing
     table.width = least if least > console.width else None
     console.print(table, crop=False)
@@ -231,12 +231,7 @@ def print_listing(listing: Listing, console: Console) -> None:
                 sentences.setdefault(row[c], []).append(row[0])
         for sentence, names in sentences.items():
             subject = ", ".join(names) if len(names) <= _MOST_NAMED else f"{len(names)} of {len(listing.rows)}"
-            console.print(_plain(f"{subject}: {sentence}"))
-
-
-def _plain(text: str) -> str:
-    """Escape what rich would take for markup."""
-    return text.replace("[", r"\[")
+            console.print(f"{subject}: {sentence}")
 
 
 def print_identification(found: Identification, console: Console) -> None:
@@ -255,4 +250,4 @@ def print_identification(found: Identification, console: Console) -> None:
             print_listing(sensors.without("recording", *(["before"] if console.width < _NARROW else [])), console)
     explained = [f"would explain {100.0 * one.explained:.0f} % of it: {one.what}" for one in found.explanations]
     for line in (*describe_misfit(found), *explained, *found.warnings):
-        console.print(_plain(line))
+        console.print(line)

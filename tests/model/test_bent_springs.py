@@ -11,9 +11,9 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
-from rich.console import Console
 
 from crawler_command.check import print_report
+from crawler_command.screen import Screen
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import SceneError
 from crawler_model.run.simulate import simulate
@@ -331,7 +331,7 @@ def test_tables_tell_when_actuators_are_slack_or_stalled():
 
 def report_of(scene: Scene) -> str:
     """What `crawler check` prints."""
-    screen = Console(file=io.StringIO(), width=300)
+    screen = Screen(file=io.StringIO(), width=300)
     print_report(simulate(scene), screen)
     return screen.file.getvalue()
 

@@ -7,8 +7,8 @@ import os
 
 import pytest
 from PIL import Image
-from rich.console import Console
 
+from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
 from crawler_ros.replay.show.compare import compare_all, print_comparison
@@ -83,7 +83,7 @@ def test_the_figure_is_drawn_of_bodies_in_the_plane(tmp_path):
 
 
 def test_what_was_set_up_differently_is_told(pair, capsys):
-    print_comparison(compare_all(pair)[0], Console())
+    print_comparison(compare_all(pair)[0], Screen())
     said = capsys.readouterr().out
     assert "scenes (A / B): drive.length" in said
     assert "versions" not in said  # they are the same
@@ -113,7 +113,7 @@ def test_cycles_at_other_times_are_not_compared_and_it_says_why(pair, tmp_path, 
     later = record(tmp_path / "later", longer("two_anchor_b", 4), 2, wait=0.8)
     found = compare_all([pair[0], later])[0]
     assert found.pairs == found.translation == ()
-    print_comparison(found, Console(width=200))
+    print_comparison(found, Screen(width=200))
     wanted = "not at the same times: those of A last 1 s from 0.3 s on, those of B last 1 s from 0.8 s on"
     assert wanted in capsys.readouterr().out
     draw_comparison(found, tmp_path / "x.png")

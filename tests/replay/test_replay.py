@@ -12,8 +12,8 @@ import mcap.writer
 import numpy as np
 import pytest
 import yaml
-from rich.console import Console
 
+from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
@@ -42,7 +42,7 @@ def test_the_first_cycle_from_rest_is_a_transient(tmp_path):
     assert [c.transient for c in found.cycles] == [True, False, False, False]
     assert found.cycles[0].translation != pytest.approx(0.14)
     assert [c.translation for c in found.cycles[1:]] == pytest.approx([0.14] * 3)
-    screen = Console(width=200, record=True)
+    screen = Screen(width=200, record=True)
     print_replay(found, screen)
     assert "transient: a cycle whose shape or translation still differs from the steady one" in screen.export_text()
 

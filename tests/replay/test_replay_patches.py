@@ -11,8 +11,8 @@ pytest.importorskip("pyarrow")
 pytest.importorskip("matplotlib")
 from PIL import Image
 from pyarrow import parquet
-from rich.console import Console
 
+from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene, simulate
 from crawler_pictures.colors import JUMP, rgb
 from crawler_ros.replay import analyse
@@ -157,7 +157,7 @@ def test_the_tables_hold_jumps_only_on_patches(bag, tmp_path):
 
 
 def printed(replay) -> str:
-    screen = Console(width=300)
+    screen = Screen(width=300)
     with screen.capture() as output:
         print_replay(replay, screen)
     return output.get()

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
-from rich.console import Console
 from std_msgs.msg import Float64MultiArray
 
 from crawler_bench.node.processes import wait_until
+from crawler_command.screen import Screen
 from crawler_ros.replay import analyse
 from crawler_ros.replay.show.report import print_replay
 
@@ -55,7 +55,7 @@ def test_refused_commands_are_recorded_by_reason_and_time_up_to_the_end(ros, cap
     assert (short.topic, short.count, short.first) == (LENGTHS, 1, 0.05)
     assert "it needs 2" in short.why
     assert json.loads(json.dumps(found.as_plain()))["incidents"]["refusals"][1]["first"] == 0.05
-    print_replay(found, Console(width=200))
+    print_replay(found, Screen(width=200))
     said = capsys.readouterr().out
     assert f"2 message(s) refused on {FRICTION}, the first at 0 s, the last at 0 s: friction command" in said
     assert f"1 message(s) refused on {LENGTHS}, the first at 0.05 s: actuation command has 1 value(s)" in said

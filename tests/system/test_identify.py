@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from rich.console import Console
 
 from crawler_command.app import main
 from crawler_command.identify.report import print_identification
 from crawler_command.identify.table_options import parse_columns, parse_units
 from crawler_command.identify.tables import read_table
+from crawler_command.screen import Screen
 from crawler_model import Measurements, Scene, identify, load_scene, simulate
 from crawler_model.identify.measurements import MeasurementError, channel_names, check_measurements
 
@@ -245,7 +245,7 @@ def test_no_number_is_cut_on_a_narrow_screen(robot, tmp_path, capsys, width):
     scene = load_scene(str(guess))
     measured = read_table(write_csv(tmp_path / "run.csv", header, rows), scene)
     found = identify(scene, [measured], ["friction.forward"])
-    console = Console(width=width, file=io.StringIO(), highlight=False)
+    console = Screen(width=width, file=io.StringIO())
     print_identification(found, console)
     text = console.file.getvalue()
     for p in found.parameters:

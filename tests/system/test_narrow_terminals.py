@@ -9,7 +9,7 @@ from rich.table import Table
 
 from crawler_command.screen import Screen
 
-COLUMNS = [r"time \[s]", r"translation \[m]", r"work \[J]", "residual"]
+COLUMNS = ["time [s]", "translation [m]", "work [J]", "residual"]
 ROWS = [[f"{k}.123456789", f"0.{k}53456789012", f"{k}e-10", "transient" if k == 0 else ""] for k in range(7)]
 
 
