@@ -37,8 +37,6 @@ and shorter ones invariance, and with polygons, whose paths are straight; and by
 velocities change."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
-_INWARDS = 1e-12
-"""A point on the boundary whose force moves inwards more slowly than this, relative to the set, stays there [1]."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
 """Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced, and up
 to a point that starts or stops."""
@@ -68,19 +66,15 @@ stability margin; the number of parts after which the caller goes on."""
 
 @lean
 def _time_to_reach(u0, u1, rate0, rate1, growth):
-    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never.
-
-    One on the circle that moves inwards reaches it on the other side.
-    """
+    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never."""
     inside = 1.0 - u0 * u0 - u1 * u1
+    if inside <= _BAND:
+        return np.inf
     bend = rate0 * rate0 + rate1 * rate1 - growth * growth
     outwards = u0 * rate0 + u1 * rate1 - growth
     under = outwards * outwards + bend * inside
-    if (inside <= _BAND and outwards > -_INWARDS) or under <= 0.0:
-        return np.inf
-    if outwards < 0.0:
-        return (math.sqrt(under) - outwards) / bend if bend > 0.0 else np.inf
-    return inside / (math.sqrt(under) + outwards)
+    bottom = outwards + math.sqrt(under) if under > 0.0 else 0.0
+    return inside / bottom if bottom > 0.0 else np.inf
 
 
 @inner

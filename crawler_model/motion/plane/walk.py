@@ -173,6 +173,8 @@ def _foresee(frame, way, moved, expected, force, negligible):
             gap = (work - force[i, 0] * moved[i, 0] - force[i, 1] * moved[i, 1]) / moves
         if moves <= negligible:
             stops = stops or (moves == 0.0 and gap <= frame.grip[i] * negligible)
+        elif hopes == 0.0 and frame.vector and gap <= frame.grip[i] * negligible:
+            stops = True  # it leaves the boundary inwards, and starts elsewhere
         elif frame.grip[i] * negligible < gap < np.inf:
             at = gap / (gap + frame.grip[i] * moves)
             if at < first:
