@@ -37,6 +37,8 @@ and shorter ones invariance, and with polygons, whose paths are straight; and by
 velocities change."""
 _BAND = 1e-9
 """A point this close to the boundary of its set, relative to its size, is on it."""
+_INWARDS = 1e-9
+"""A force on the boundary that moves inwards more slowly than this stays there, of bodies that turn [1 per ramp]."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
 """Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced, and up
 to a point that starts or stops."""
@@ -65,16 +67,20 @@ stability margin; the number of parts after which the caller goes on."""
 
 
 @lean
-def _time_to_reach(u0, u1, rate0, rate1, growth):
-    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never."""
+def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
+    """Compute when a force that changes linearly reaches a unit circle that grows, from inside; infinite if never.
+
+    One on the circle that moves inwards, faster than a given rate, reaches it on the other side.
+    """
     inside = 1.0 - u0 * u0 - u1 * u1
-    if inside <= _BAND:
-        return np.inf
     bend = rate0 * rate0 + rate1 * rate1 - growth * growth
     outwards = u0 * rate0 + u1 * rate1 - growth
     under = outwards * outwards + bend * inside
-    bottom = outwards + math.sqrt(under) if under > 0.0 else 0.0
-    return inside / bottom if bottom > 0.0 else np.inf
+    if (inside <= _BAND and outwards > -inwards) or under <= 0.0:
+        return np.inf
+    if outwards < 0.0:
+        return (math.sqrt(under) - outwards) / bend if bend > 0.0 else np.inf
+    return inside / (math.sqrt(under) + outwards)
 
 
 @inner
@@ -109,11 +115,11 @@ def _glance(frame, way, part, negligible, velocity, force):
             at, _, mu = friction_of(frame, command, i)
             f0, f1 = force[i]
             rates = (after[i, 0] - f0) / mu, (after[i, 1] - f1) / mu, now[at] / mu - 1.0
-            first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates))
+            first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates, np.inf))
         elif gap < np.inf and speed == 0.0:
             u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
             v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
-            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0))
+            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0, _INWARDS))
         elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
             first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
     return first, unique
