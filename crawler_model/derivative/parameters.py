@@ -184,7 +184,10 @@ def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) ->
 def _differentiate_together(
     scene: Scene, origin: dict[str, float], changing: dict[str, tuple[str, ...]]
 ) -> dict[str, np.ndarray]:
-    """Compute the derivatives of all arrays, one after another, with respect to parameters that share a mesh."""
+    """Compute the derivatives of all arrays with respect to parameters that share a mesh.
+
+    Those on which an array does not depend linearly are left out.
+    """
     base = _flat(scene)
     found = {name: np.zeros(base.size) for name, group in changing.items() if not group}
     names = [name for name, group in changing.items() if group]
@@ -194,34 +197,17 @@ def _differentiate_together(
     owner = np.array([i for i, name in enumerate(names) for _ in changing[name]])
     value = np.array([origin[name] for name in names])
     step = _STEP * np.maximum(np.abs(value), _SMALLEST)
-
-    def at(which: np.ndarray, places: Sequence[int]) -> np.ndarray:
-        """Assemble each of some parameters at some places, shape (len(which), len(places), size)."""
-        moved = np.repeat(which, len(places))
-        shift = np.tile(places, which.size) * step[moved]
+    for first in range(0, len(names), _TOGETHER):
+        which = np.arange(first, min(first + _TOGETHER, len(names)))
+        moved = np.repeat(which, 2)
+        shift = np.tile((-1.0, 1.0), which.size) * step[moved]
         columns = value[owner, None] + np.where(owner[:, None] == moved, shift, 0.0)
         variations = Variations(scene, dict(zip(keys, columns, strict=True)), (moved.size,))
         arrays = _arrays_of_stack(stack(variations, check=False))
-        return arrays.reshape(which.size, len(places), -1)
-
-    def refine(i: int) -> np.ndarray:
-        """Differentiate with respect to a parameter on which arrays depend in another way, with steps short enough."""
-        finer = np.full(base.size, np.inf)
-        for _ in range(_TRIES):
-            coarser, finer = finer, _weights(_CENTRAL) @ (at(np.array([i]), _CENTRAL)[0] - base) / step[i]
-            if np.isfinite(coarser).all() and _agree(coarser, finer, base, step[i]):
-                break
-            step[i] /= _FINER
-        return finer
-
-    for first in range(0, len(names), _TOGETHER):
-        which = np.arange(first, min(first + _TOGETHER, len(names)))
-        for i, pair in zip(which, at(which, (-1, 1)), strict=True):
+        for i, pair in zip(which, arrays.reshape(which.size, 2, -1), strict=True):
             size = np.maximum(np.abs(pair).max(axis=0), np.abs(base))
             if (np.abs(pair[0] + pair[1] - 2.0 * base) <= _LINEAR * size).all():
                 found[names[i]] = (pair[1] - pair[0]) / (2.0 * step[i])
-            else:
-                found[names[i]] = refine(int(i))
     return found
 
 

@@ -101,8 +101,7 @@ def _differentiate_walk(frame, rates, course, pieces, start, found):
         work_rate(frame, rates, before, now, base, place, work)
         differentiate_step(frame, rates, now, base, x, place, rests)
         work_rate(frame, rates, before, now, x, place, work)
-        before[0][:] = now[0]
-        before[1][:] = now[1]
+        before, now = now, before
     for i in range(n):
         for c in range(2):
             at = 2 * i + c
@@ -154,7 +153,8 @@ def _attempt(frame, rates, course, start, best):
         last = error
         change = _extrapolate(table, found, pieces, scale, 2 * n * columns)
         if pieces == 1 or change <= last:
-            best[:] = found
+            for k in range(best.shape[0]):  # a slice that is assigned takes seconds to compile
+                best[k] = found[k]
         if pieces > 1:
             error = min(change, last)
         if error <= _ENOUGH or (pieces > 2 and change > _CONVERGING * last):

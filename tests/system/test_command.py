@@ -434,16 +434,14 @@ def test_a_run_that_is_not_exact_is_an_error_behind_its_numbers(tmp_path, flags)
     assert done.stdout
 
 
+def name_scene(file: Path, name: str) -> str:
+    file.write_text(json.dumps(load_scene("two_anchor_a").document() | {"name": name}))
+    return str(file)
+
+
 @pytest.mark.parametrize("name", ["worm [a]", "worm [/b]", "[yellow]worm"])
 def test_names_with_brackets_are_printed_as_they_are(tmp_path, name):
-    file = tmp_path / "[w].json"
-    file.write_text(json.dumps(load_scene("two_anchor_a").document() | {"name": name}))
+    file = name_scene(tmp_path / "[w].json", name)
     for verb in ("check", "simulate"):
-        assert name.removeprefix("[yellow]") in good(verb, str(file))
-    assert "control characters" in bad("check", str(write_name(tmp_path, "a\nb")))
-
-
-def write_name(folder: Path, name: str) -> Path:
-    file = folder / "other.json"
-    file.write_text(json.dumps(load_scene("two_anchor_a").document() | {"name": name}))
-    return file
+        assert name.removeprefix("[yellow]") in good(verb, file)
+    assert "control characters" in bad("check", name_scene(tmp_path / "other.json", "a\nb"))

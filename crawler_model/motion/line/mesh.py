@@ -94,6 +94,12 @@ def _difference(a, b, c):
     return second + (error + ((first - (second - part)) - (c + part)))
 
 
+@inlined
+def _velocity_of(block, o, c):
+    """Return the velocity of contact o, which a spring joins to contact c of the block; outside of it, o rests."""
+    return block[o.row].v if o.mark == c.mark else 0.0
+
+
 @lean
 def _find_flows(contacts, springs, model, ramp, count):
     """Compute the rates of the forces of all springs, in each end, and the residual forces on sliding contacts."""
@@ -105,9 +111,8 @@ def _find_flows(contacts, springs, model, ramp, count):
         e.pull = 0.0
         for k in range(c.first, c.last):
             o, spring = contacts[ends[k].other], springs[ends[k].spring]
-            other = block[o.row].v if o.mark == c.mark else 0.0
             source = 0.0 if ramp.falling else ends[k].sign * spring.d_length
-            ends[k].flow = spring.stiffness * _difference(other, e.v, source)
+            ends[k].flow = spring.stiffness * _difference(_velocity_of(block, o, c), e.v, source)
             e.pull += ends[k].flow
         if e.side != 0:
             e.pull -= limit_of(e)
@@ -123,8 +128,7 @@ def _correct(contacts, springs, model, count):
         c = contacts[e.contact]
         for k in range(c.first, c.last):
             o = contacts[ends[k].other]
-            other = block[o.row].v if o.mark == c.mark else 0.0
-            ends[k].flow += springs[ends[k].spring].stiffness * (other - e.v)
+            ends[k].flow += springs[ends[k].spring].stiffness * (_velocity_of(block, o, c) - e.v)
     for r in range(count):
         block[r].v += block[r].rough
 
@@ -163,6 +167,6 @@ def solve_mesh(contacts, springs, model, ramp, count):
             e.scale = abs(e.load)
             for k in range(c.first, c.last):
                 o = contacts[ends[k].other]
-                pull = springs[ends[k].spring].stiffness * block[o.row].v if o.mark == c.mark else 0.0
+                pull = springs[ends[k].spring].stiffness * _velocity_of(block, o, c)
                 e.force += pull if ramp.stepping else ends[k].flow
                 e.scale += abs(pull)

@@ -293,15 +293,16 @@ class PlaneMotion:
                 raise CommandError(nowhere)
             progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
             progress[LENGTH] = ahead
-            if not self._falls(before, target, part, velocity, distance):
-                account[OVERSPENT] += distance > self.tolerance  # no part of the ramp keeps the tolerance here
-            elif not self.body.turning.jumps:
-                raise CommandError(
-                    f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene has "
-                    "on_instability: refuse; jump lets the body move to another one"
-                )
-            elif distance > self.tolerance:
-                yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
+            if distance > self.tolerance or not self.body.turning.jumps:
+                if not self._falls(before, target, part, velocity, distance):
+                    account[OVERSPENT] += distance > self.tolerance  # no part of the ramp keeps the tolerance here
+                elif self.body.turning.jumps:
+                    yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
+                else:
+                    raise CommandError(
+                        f"command: at {100.0 * place:.4g} % of the ramp no stable equilibrium is left, and the scene "
+                        "has on_instability: refuse; jump lets the body move to another one"
+                    )
             velocity[:] = 0.0
         state.stability[0] = progress[MARGIN]
 
