@@ -66,10 +66,10 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
         assert sent >= 0.05 / 0.3 / 0.5 / 0.1  # a ramp of a third of a second and more, a message each 0.1 s at least
         await page.send_json({"set": {"contact_0/backward": -1.0}})
         assert "friction must be >= 0" in await complaint(page)
-        await command(page, {"contact_0/backward": 0.25}, lambda _: any(row[3] == 0.25 for row in moves(5)))
+        await command(page, {"contact_0/backward": 0.25}, lambda _: any(row[3] == 0.25 for row in moves()))
 
-    def moves(last: int = 0) -> list[Any]:
-        return [point.positions for message in list(ros.heard["applied_commands"])[-last:] for point in message.points]
+    def moves() -> list[Any]:
+        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
 
     with graph(tmp_path) as ros:
         ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
@@ -125,6 +125,7 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
         with browsing() as browser:
             page = open_page(browser, address)
             wait_until(lambda: page.evaluate("frame.words.startsWith('all contacts hold')"), what="states")
+            wait_until(lambda: page.evaluate("frame.console.join().includes('1 listener')"), what="a listener")
             shown = [
                 text for text in ("Copy link", "Instant", "work", "Lessons") if page.get_by_text(text).is_visible()
             ]
