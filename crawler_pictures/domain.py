@@ -59,7 +59,8 @@ def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     count = min(body.contacts, MOST_PANELS)
     figure, axes = make_panels(count)
     figure.suptitle(
-        f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period"
+        f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period",
+        parse_math=False,
     )
     rows = last_period(run)
     force = np.array([body.spring_force(t) for t in run.tension[rows]])

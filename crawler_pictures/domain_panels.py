@@ -67,7 +67,8 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
     shown = np.flatnonzero(friction.any(axis=(0, 2)))[:MOST_PANELS]
     figure, axes = make_panels(shown.size)
     figure.suptitle(
-        f"{scene.name}: what friction holds at each point, and the force on it over the last period, in its frame"
+        f"{scene.name}: what friction holds at each point, and the force on it over the last period, in its frame",
+        parse_math=False,
     )
     rows = last_period(run)
     force, slides = forces_in_frames(run, rows), run.contact_state[rows] != 0

@@ -78,9 +78,8 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
-    return f"stasis domain: {scene.name}" + (
-        "" if scene.ground.track is None else ", on the ground outside its patches"
-    )
+    name = scene.name.replace("$", r"\$")  # it may stand beside formulas
+    return f"stasis domain: {name}" + ("" if scene.ground.track is None else ", on the ground outside its patches")
 
 
 def verdict(domains: Sequence[StasisDomain]) -> str:

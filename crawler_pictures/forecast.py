@@ -31,7 +31,7 @@ def draw_forecast(found: Forecast, path: Path) -> None:
         for end in (low, high):
             below.plot(found.time, end - value, color=color, linewidth=0.8)
     title = f"{found.scene.name}: gain {found.gain} m {found.per}; lines predicted, bands 95 %"
-    above.set_title(title, loc="left", fontsize=9)
+    above.set_title(title, loc="left", fontsize=9, parse_math=False)
     above.set_ylabel("position, m")
     if len(found.contacts) <= _MOST_NAMED:
         above.legend(loc="upper left", frameon=False, fontsize=8, ncols=len(found.contacts))

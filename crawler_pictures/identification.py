@@ -102,7 +102,7 @@ def plot_identification(found: Identification) -> Figure:
             title += f" (one of the {len(shown)} of {len(recordings)} recordings with the largest residuals)"
         if len(rows) < len(recordings[i]):
             title += f"; the {len(rows)} of {len(recordings[i])} channels with the largest residuals"
-        part.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+        part.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10, parse_math=False)
         _plot_recording(part, found.recordings[i], found.fitted[i], rows)
     return figure
 

@@ -66,7 +66,7 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         _draw_map(right, below, optimum, units)
     unit = "" if optimum.unit == "1" else f" {optimum.unit}"
     title = f"{optimum.scene.name}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
-    figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold")
+    figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold", parse_math=False)
     figure.savefig(png, dpi=110)
     plt.close(figure)
 

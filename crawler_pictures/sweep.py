@@ -70,7 +70,8 @@ def draw_sweep(
         if key in logarithmic:
             getattr(axes, f"set_{axis}scale")("log")
     stopped = ", stopped early" if runs.interrupted else ""
-    axes.set_title(f"{variations.base.name}: {len(runs)} variations{stopped}", fontsize=10, loc="left")
+    title = f"{variations.base.name}: {len(runs)} variations{stopped}"
+    axes.set_title(title, fontsize=10, loc="left", parse_math=False)
     figure.savefig(png, dpi=110)
     plt.close(figure)
 

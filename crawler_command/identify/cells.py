@@ -17,7 +17,8 @@ from crawler_model.identify.measurements import MeasurementError
 PARQUET = ".parquet"
 _DELIMITERS = ("\t", ";", ",")
 """In this order: names may contain commas where another delimiter separates them."""
-_SHOWN = 12
+MOST_NAMED = 12
+"""Columns of a table that a message lists."""
 _BEGINS_COMMENT = (b"#", b'"#')
 
 
@@ -40,7 +41,7 @@ class Table:
     @property
     def header(self) -> str:
         """The first names of the header, for messages."""
-        return ",".join(self.names[:_SHOWN]) + (",..." if len(self.names) > _SHOWN else "")
+        return ",".join(self.names[:MOST_NAMED]) + (",..." if len(self.names) > MOST_NAMED else "")
 
 
 def open_table(path: Path) -> Table:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from crawler_model import Measurements
 from crawler_model.identify.measurements import MeasurementError, channel_names
 from crawler_model.scene.scene import Scene
 
-from .cells import Table, open_table, read_numbers
+from .cells import MOST_NAMED, Table, open_table, read_numbers
 from .table_options import SI, Units
 
 _COMMAND = "command/"
@@ -28,8 +29,8 @@ def read_table(
     """Read a CSV or Parquet table of measurements.
 
     Args:
-        path: the table: `time`, positions `contact_i` or elongations `link_j`, commands `command/link_j`. Other columns
-            are not used.
+        path: the table: `time`, positions `contact_i` or elongations `link_j`, commands `command/link_j`. A notice
+            lists other columns: one of them may be misspelt.
         scene: the scene that was measured.
         columns: names in the tables by these names, where they differ.
         units: of times and lengths in both tables; strains are pure numbers, forces are in N.
@@ -58,6 +59,9 @@ def read_table(
     if commands is not None:
         names, command_time, rows = _read_commands(tables[1])
     command_time, rows = _given(tables[-1].path.name, names, command_time[:, 0], rows)
+    _list_unread(first, ["time", *channels, *_commands_of(first)])
+    if commands is not None:
+        _list_unread(tables[1], ["time", *names])
     layout = scene.columns
     lengths = [_COMMAND + name for name in layout.names[: int(layout.actuation_sizes[: layout.links].sum())]]
     return Measurements(
@@ -116,6 +120,13 @@ def _read_commands(table: Table) -> tuple[list[str], np.ndarray, np.ndarray]:
         )
     numbers = read_numbers(table, ["time", *names])
     return names, numbers[:, :1], numbers[:, 1:]
+
+
+def _list_unread(table: Table, read: Sequence[str]) -> None:
+    unread = [name for name in table.names if name and name not in read]
+    if unread:
+        more = f" and {len(unread) - MOST_NAMED} more" if len(unread) > MOST_NAMED else ""
+        print(f"crawler: {table.path.name}: columns not used: {', '.join(unread[:MOST_NAMED])}{more}", file=sys.stderr)
 
 
 def _given(table: str, names: list[str], time: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

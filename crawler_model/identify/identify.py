@@ -26,7 +26,7 @@ from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.sensors import judge_sensors
 from .judge.verdicts import Parameter, Structure, find_covariance, find_structure, judge
-from .measurements import MeasurementError, Measurements, check_measurements
+from .measurements import MeasurementError, Measurements, are_reversed, check_measurements
 from .replica.playback import replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
@@ -85,6 +85,8 @@ def identify(
         CrawlerError: if an option is out of range, or no motion exists at any start.
     """
     scene = coerce_scene(scene, "identify")
+    if isinstance(recordings, (str, Measurements)) or not all(isinstance(one, Measurements) for one in recordings):
+        raise CrawlerError(f"identify: recordings: {recordings!r:.60}; it must be a list of Measurements")
     if not recordings:
         raise CrawlerError("identify: no recording; at least one is needed")
     if not 0.0 <= hold_out <= 0.8:
@@ -237,7 +239,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         where,
         misfits,
         tuple(explanations),
-        tuple(_warn(fit, parameters, where)),
+        tuple(_warn(scene, problem, fit, parameters, where)),
         tuple(r.measured for r in problem.replicas),
         fit.residuals.all,
         problem.rows,
@@ -249,7 +251,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     )
 
 
-def _warn(fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:
+def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:
     """Write the warnings."""
     warnings = ["interrupted: this is the best of the starts that were tried"] if fit.interrupted else []
     warnings += [
@@ -257,11 +259,18 @@ def _warn(fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[
         for p in parameters
         if p.verdict == "bound" and "the fit ended" in p.why
     ]
-    if where is not None:
-        warnings.append(
-            f"this is the best of {fit.starts} starts, and {fit.reached} of them ended here: if the model is right, it "
-            "is a local minimum, which more time for starts may leave"
-        )
+    if where is None:
+        return warnings
+    warnings += [
+        f"{r.measured.name}: the contacts stand in the reverse order of those of the scene; exchange the columns, or "
+        "negate the positions if x increases the other way"
+        for r in problem.replicas
+        if are_reversed(scene.body, r.measured)
+    ]
+    tried = f"{fit.starts} starts, and {fit.reached} of them ended here" if fit.starts > 1 else "one start"
+    warnings.append(
+        f"this is the best of {tried}: if the model is right, it is a local minimum, which more time may leave"
+    )
     return warnings
 
 

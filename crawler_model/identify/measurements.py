@@ -126,6 +126,23 @@ def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.nda
     return matrix, added
 
 
+def are_reversed(body: Body, measured: Measurements) -> bool:
+    """Determine whether the contacts of a body on a line are measured in the reverse order of its reference shape.
+
+    Args:
+        body: the body.
+        measured: a recording.
+
+    Returns:
+        Whether they are, on average over time.
+    """
+    if body.dimension == 2:
+        return False
+    seen = measured.on_ground
+    place, home = np.nanmean(measured.values[:, seen], axis=0), observation(body, measured.channels)[1][seen]
+    return bool(((place - place.mean()) * (home - home.mean())).sum() < 0.0) if seen.sum() > 1 else False
+
+
 def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
     """Check a recording against a scene.
 

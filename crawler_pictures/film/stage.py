@@ -61,7 +61,7 @@ class Stage:
             self._panels: list[Panel] = []
             self._moving: list[tuple[Axes, Artist]] = []
             timed = self._build()
-            self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold")
+            self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold", parse_math=False)
             for panel in self._panels:
                 for artist in panel.moving:
                     artist.set_animated(True)

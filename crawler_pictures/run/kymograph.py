@@ -203,7 +203,7 @@ def write_title(axis: Axes, text: str, pad: float = 4.0) -> None:
         text: the text.
         pad: its distance from the axes [points].
     """
-    axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad)
+    axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad, parse_math=False)
 
 
 def make_room(axis: Axes) -> None:

@@ -130,7 +130,7 @@ def _size(run: RunArrays) -> float:
 def _write_head(part: Any, title: str, notes: list[str]) -> None:
     axis = part.subplots()
     axis.set_axis_off()
-    axis.text(0.0, 1.0, title, fontsize=12, fontweight="bold", va="top", transform=axis.transAxes)
+    axis.text(0.0, 1.0, title, fontsize=12, fontweight="bold", va="top", transform=axis.transAxes, parse_math=False)
     text = "\n".join(note if len(note) <= 170 else note[:167] + "..." for note in notes)
     axis.text(0.0, 0.0, text, fontsize=8, color=TEXT, va="bottom", linespacing=1.4, transform=axis.transAxes)
 

@@ -242,6 +242,17 @@ def test_the_page_shows_slips_in_their_colours(tmp_path):
         assert (np.abs(picture - color).max(axis=2) < 30).sum() > 500
 
 
+def test_a_name_with_dollars_is_no_formula(tmp_path):
+    file = tmp_path / "dollars.yaml"
+    file.write_text(json.dumps(load_scene("two_anchor_a").document() | {"name": "5$ or $x^$ {"}))
+    for verb, out in (("simulate", "--png=run.png"), ("check", "--png=set.png"), ("animate", "--out=film.gif")):
+        option, _, name = out.partition("=")
+        with pytest.raises(SystemExit) as end:
+            main([verb, str(file), option, str(tmp_path / name)])
+        assert end.value.code == 0
+        Image.open(tmp_path / name).verify()
+
+
 def test_a_page_of_nothing_is_refused(tmp_path):
     with pytest.raises(CrawlerError, match="no state"):
         draw_instant(load_scene("two_anchor_a"), [], tmp_path / "p.png")

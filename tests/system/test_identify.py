@@ -633,6 +633,13 @@ def test_mistakes_in_the_description_of_a_table_are_named_in_one_line(robot, tmp
     assert message in error
 
 
+def test_columns_that_are_not_used_are_listed(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", [*header, "contcat_1", "note"], np.hstack((rows, rows[:, 1:3])))
+    status, _, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward")
+    assert (status, error) == (0, "crawler: run.csv: columns not used: contcat_1, note\n")
+
+
 @pytest.mark.parametrize("option", [("--columns", "time=t"), ("--units", "mm"), ("--commands", "run.csv")])
 def test_options_of_tables_are_refused_with_a_recording(robot, tmp_path, capsys, option):
     guess, header, rows = robot

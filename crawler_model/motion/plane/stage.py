@@ -17,16 +17,20 @@ from .frame import assign, friction_of, load_of
 from .friction import axis_of, linearise
 
 _MOST_STEPS = 40
-_BOLD = 15
-"""Steps that may let the largest miss grow, up to `_FAR`, before steps are halved until it shrinks."""
-_FAR = 0.5
+_BOLD, _FAR, _SLOW = 15, 0.5, 0.9
+"""First steps of a bold search, which may let the largest miss grow up to a limit; and the part of the miss that a
+later one may leave. For vector springs it takes fewer steps than a cautious one."""
+_GAIN = 1e-4
+"""A cautious search halves a step until it reduces the largest miss by this part of itself times that of the step that
+is left: a bold one goes round in circles where a force is about to change to a quarter of its set of far larger
+friction."""
+_FEW_HALVINGS, _MOST_HALVINGS = 8, 20
+"""Upper limits of halvings in a bold and in a cautious search."""
 _RUNGS, _SOFTER = 12, 0.25
 """Searches with springs where the first one fails, up to one that fails, too, and the stiffness of a spring relative to
 that of the one before."""
 _MOST_APPROACHES = 100
 """Upper limit of steps towards a solution that the search does not find."""
-_SLOW = 0.9
-"""A step that leaves more than this part of the largest miss is halved; a search whose step is too short then fails."""
 _LONGEST = 0.25
 """A point moves by no more than this part of the shortest link in a step."""
 
@@ -192,8 +196,12 @@ def _hold(frame, eta, anchor, x, force, size):
 
 
 @inner
-def _search(frame, command, base, anchor, x, force, eta):
-    """Search the solution of an implicit step from a guess, with springs to an anchor; else as `solve_stage`."""
+def _search(frame, command, base, anchor, x, force, springs):
+    """Search the solution of an implicit step from a guess, with springs to an anchor; else as `solve_stage`.
+
+    `springs` has their stiffness as in `solve_stage`, and whether the search is bold.
+    """
+    eta, bold = springs
     n = x.shape[0]
     size = np.empty(n)
     rows = np.empty((n, 13))
@@ -217,14 +225,15 @@ def _search(frame, command, base, anchor, x, force, eta):
         if not pivot > 0.0:
             return False, False
         part = _shorten(frame, step)
-        for _ in range(8):
+        for _ in range(_FEW_HALVINGS if bold else _MOST_HALVINGS):
             for i in range(n):
                 for c in range(2):
                     trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
             pull(frame, command, trial, force, size)
             _hold(frame, eta, anchor, trial, force, size)
             worst, after = linearise(frame, command, trial, base, force, size, rows)
-            if after <= _SLOW * miss or (after <= _FAR and turn < _BOLD):
+            enough = _SLOW if bold else 1.0 - _GAIN * part
+            if after <= enough * miss or (bold and after <= _FAR and turn < _BOLD):
                 break
             part *= 0.5
         else:
@@ -238,8 +247,8 @@ def _search(frame, command, base, anchor, x, force, eta):
 def solve_stage(frame, command, base, x, force, eta):
     """Solve an implicit step.
 
-    Where the search fails, springs hold each point where it was, and become softer from one search to the next; steps
-    of vector springs are rather made shorter, which takes less time.
+    Where a cautious search fails, a bold one follows; where that fails, springs hold each point where it was, and
+    become softer from one search to the next. Steps of vector springs are rather made shorter, which takes less time.
 
     Args:
         frame: the body.
@@ -252,13 +261,18 @@ def solve_stage(frame, command, base, x, force, eta):
     Returns:
         Whether it is solved to rounding, and whether its matrix is regular.
     """
-    solved, regular = _search(frame, command, base, base, x, force, eta)
+    guess = x.copy()
+    solved, regular = _search(frame, command, base, base, x, force, (eta, True))
     if solved or frame.vector:
+        return solved, regular
+    assign(x, guess)
+    solved, regular = _search(frame, command, base, base, x, force, (eta, False))
+    if solved or eta > 0.0:
         return solved, regular
     assign(x, base)
     for rung in range(_RUNGS + 1):
         more = _SOFTER**rung if rung < _RUNGS else 0.0
-        solved, regular = _search(frame, command, base, base, x, force, max(eta, more))
+        solved, regular = _search(frame, command, base, base, x, force, (more, False))
         if not solved:
             break
     return solved, regular
@@ -306,11 +320,11 @@ def approach(frame, command, base, x, force):
     more = 1.0
     for _ in range(_MOST_APPROACHES):
         assign(x, anchor)
-        if not _search(frame, command, base, anchor, x, force, more)[0]:
+        if not _search(frame, command, base, anchor, x, force, (more, True))[0]:
             more *= 4.0
             continue
         assign(anchor, x)
         more *= _SOFTER
-        if _search(frame, command, base, base, x, force, 0.0)[0]:
+        if _search(frame, command, base, base, x, force, (0.0, True))[0]:
             return True
     return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import os
 import signal
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Identification, Measurements, Scene, excite, identify, simulate
+from crawler_model import CrawlerError, Identification, Measurements, Scene, excite, identify, simulate
 from crawler_model.identify.sensor.sensor import PERFECT
 
 from .synthetic import chain, measure, scaled, walk
@@ -406,6 +407,26 @@ def test_a_lag_is_a_number_of_the_sensor() -> None:
     assert any("a lag of the measurements" in e.what for e in held.explanations)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_contacts_in_the_reverse_order_are_reported(sign: float) -> None:
+    """Columns in the other order, or a camera whose x increases the other way."""
+    document = mixed(seed=1)
+    times, rows = walk(2, 4.0, 1)
+    one = measure(document, times, rows, noise=2e-4)
+    values = one.values[:, ::-1] if sign > 0.0 else -one.values
+    found = identify(
+        Scene.model_validate(document), [dataclasses.replace(one, values=values)], FRICTION, starts=1, seconds=0.0
+    )
+    assert not found.model_fits
+    assert "in the reverse order" in found.warnings[-2]
+
+
+@pytest.mark.parametrize("recordings", ["run.csv", ["run.csv"]])
+def test_a_file_is_no_recording(recordings: object) -> None:
+    with pytest.raises(CrawlerError, match="it must be a list of Measurements"):
+        identify(Scene.model_validate(mixed(seed=1)), recordings, FRICTION)  # type: ignore[arg-type]
+
+
 def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
     document = mixed(seed=1)
     times, rows = walk(2, 6.0, 1)
@@ -442,7 +463,7 @@ def test_more_starts_are_tried_as_long_as_none_fits(seed: int, forward: float, b
     guess = scaled(document, {"friction.forward": forward, "friction.backward": backward})
     lost = identify(guess, [one], FRICTION, seconds=0.0)
     assert not lost.model_fits
-    assert "the best of 1 starts, and 1 of them ended here" in lost.warnings[-1]
+    assert "the best of one start" in lost.warnings[-1]
     found = identify(guess, [one], FRICTION, starts=1, seconds=600.0)
     assert found.model_fits
     assert check_honest(found, document, 0.01) >= 4

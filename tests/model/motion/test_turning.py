@@ -323,3 +323,32 @@ def test_a_body_that_cannot_be_followed_to_the_tolerance_is_not_taken_to_jump():
         ends.append(crawler.displacement)
     assert step.overspent
     np.testing.assert_allclose(ends[0], ends[1], rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_friction_far_larger_to_one_side_takes_few_parts(tolerance):
+    """The force on a point is about to change between quarters of its set whose friction is 900 and 3 000 times as large."""
+    friction = {
+        "forward": [0.599, 0.269, 0.865],
+        "backward": [0.469, 0.000789, 0.000275],
+        "left": [0.21, 0.301, 0.00014],
+        "right": [0.999, 0.737, 0.193],
+        "frame": [[2, 1], [1, 0], [1, 2]],
+        "angle": [-2.48, -0.778, -2.29],
+    }
+    points = [[0.0, 0.0], [0.4559, 0.4171], [1.125, 0.7339]]
+    drive = {"times": [0, 1], "actuation": [[0, 0, 0], [0.082, 0.0375, 0]]}
+    body = Crawler(
+        build(
+            points,
+            {"stiffness": 194.0},
+            joints=chain_of(3, 0.898),
+            friction=friction,
+            drive=drive,
+            tolerance=tolerance,
+        )
+    )
+    step = body.advance([0.082, 0.0375, 0.0])
+    assert step.events < 300  # it once took 18 000
+    end = [[0.0, 0.0], [0.114252, -0.011403], [0.174802, -0.058245]]
+    np.testing.assert_allclose(body.displacement, end, rtol=0.0, atol=0.5 * tolerance * 0.082 + 1e-6)
