@@ -160,8 +160,8 @@ def optimise_command(
     crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
 
     The objective is that of the periodic regime; on patches of ground, where no two periods are the same, the mean of
-    the first ones. The search ends when several rounds have found nothing better; after Ctrl-C or --seconds the best
-    gait so far is the result.
+    the first ones. The search ends when several rounds have found nothing better; after --seconds, or Ctrl-C (then with
+    exit status 130), the best gait so far is the result.
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
@@ -197,6 +197,8 @@ def optimise_command(
             found = optimise(loaded, objective.value, progress=progress, target=motion, **limits)
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
+    if seconds is None and not found.complete:
+        raise typer.Exit(130)
 
 
 def parse_target(text: str) -> tuple[float, float, float]:

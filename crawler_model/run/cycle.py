@@ -114,7 +114,7 @@ def limit_cycle(
         raise CommandError("limit_cycle: on ground.patches periods differ from place to place")
     if not tolerance > 0.0:
         raise CommandError(f"limit_cycle: tolerance {tolerance:g}; it must be > 0")
-    if most_periods < 1:
+    if not most_periods >= 1:
         raise CommandError(f"limit_cycle: most_periods {most_periods}; it must be at least 1")
     _, rows = drive.waypoints_between(0, round(drive.period * NS))
     targets = np.ascontiguousarray(drive.targets[rows])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -48,6 +51,19 @@ def test_the_gait_is_written_drawn_and_played(scene, capsys):
     status, _, err = run(capsys, *arguments, "--out", "best.yaml")
     assert status == 1
     assert "best.yaml exists already" in err
+
+
+def test_ctrl_c_keeps_the_best_gait_so_far(scene, capsys, monkeypatch):
+    @contextlib.contextmanager
+    def interrupt(_: str) -> Iterator[Callable[[float], None]]:
+        yield lambda part: signal.raise_signal(signal.SIGINT) if part > 0.0 else None
+
+    monkeypatch.setattr("crawler_command.optimise.progress_bar", interrupt)
+    arguments = ["--for", "translation", "--stroke", "0:0.1", "--waypoints", "2", "--out", "best.yaml", "--json"]
+    status, out, _ = run(capsys, "optimise", "mine.yaml", *arguments)
+    assert status == 130
+    assert json.loads(out)["complete"] is False
+    assert load_scene("best.yaml").document()["drive"] == json.loads(out)["drive"]
 
 
 def test_text_names_the_change_that_stops_the_gait(scene, capsys):
