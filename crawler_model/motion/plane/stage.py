@@ -19,11 +19,10 @@ from .friction import axis_of, linearise
 _MOST_STEPS = 40
 _BOLD, _FAR, _SLOW = 15, 0.5, 0.9
 """First steps of a bold search, which may let the largest miss grow up to a limit; and the part of the miss that a
-later one may leave. For vector springs it takes fewer steps than a cautious one."""
+later one may leave."""
 _GAIN = 1e-4
-"""A cautious search halves a step until it reduces the largest miss by this part of itself times that of the step that
-is left: a bold one goes round in circles where a force is about to change to a quarter of its set of far larger
-friction."""
+"""A cautious search halves a step until the largest miss shrinks, after a whole step by this part at least: a bold one
+goes round in circles where a force is about to change to a quarter of its set of far larger friction."""
 _FEW_HALVINGS, _MOST_HALVINGS = 8, 20
 """Upper limits of halvings in a bold and in a cautious search."""
 _RUNGS, _SOFTER = 12, 0.25
@@ -247,7 +246,7 @@ def _search(frame, command, base, anchor, x, force, springs):
 def solve_stage(frame, command, base, x, force, eta):
     """Solve an implicit step.
 
-    Where a cautious search fails, a bold one follows; where that fails, springs hold each point where it was, and
+    Where a bold search fails, a cautious one follows; where that fails, springs hold each point where it was, and
     become softer from one search to the next. Steps of vector springs are rather made shorter, which takes less time.
 
     Args:
@@ -261,7 +260,7 @@ def solve_stage(frame, command, base, x, force, eta):
     Returns:
         Whether it is solved to rounding, and whether its matrix is regular.
     """
-    guess = x.copy()
+    guess = x if frame.vector else x.copy()
     solved, regular = _search(frame, command, base, base, x, force, (eta, True))
     if solved or frame.vector:
         return solved, regular
