@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from collections.abc import Callable
@@ -56,12 +57,16 @@ def compile_springs() -> None:
 
 
 def compile_node() -> None:
-    """Compile the kernels of the simulator's ticks."""
+    """Compile the kernels of the simulator's ticks, and of recordings if what reads them is installed."""
     from crawler_model import load_scene
     from crawler_ros.node.ahead import compile_ticks
 
     for name in ("three_contacts_two_ways", "tendon_worm"):
         compile_ticks(load_scene(name))
+    with contextlib.suppress(ModuleNotFoundError):
+        from crawler_ros.recording.blocks import compile_search
+
+        compile_search()
 
 
 def compile_patches() -> None:

@@ -22,7 +22,7 @@ from crawler_model.crawler.yields import YieldTimes
 
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import JointStateMessage, MessageLayout
-from ..wire.states import joint_state_names
+from ..wire.states import contact_names, joint_state_names, shown_contacts
 from .intake.path import Path, Vertex, Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
@@ -245,12 +245,13 @@ def compile_ticks(scene: Scene) -> None:
     """
     _skip_blas()
     prepare(scene)
-    joints, contacts = JointStateMessage(joint_state_names(scene.body)), JointStateMessage([])
-    crawler, readout = Crawler(scene), Readout(scene.body, np.zeros(0, np.int64))
-    readout.read(crawler, np.inf, joints.numbers, contacts.numbers)
+    body, crawler, joints = scene.body, Crawler(scene), JointStateMessage(joint_state_names(scene.body))
+    for shown, names in ((shown_contacts(body), contact_names(body)), (np.zeros(0, np.int64), [])):
+        readout = Readout(body, shown)
+        readout.read(crawler, np.inf, joints.numbers, JointStateMessage(names).numbers)
     Path(Vertex(0, crawler.row)).follow_many(0, np.ones(1, np.int64), crawler.row)
     if runs_in_one_call(crawler):
-        n, width = scene.body.contacts, scene.columns.index.size
+        n, width = body.contacts, scene.columns.index.size
         tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]
         nothing = np.zeros((0, width)), np.zeros(2, np.int64), np.ones(1), np.ones(1, bool)
         follow_ticks(crawler, readout, *nothing, *tables)

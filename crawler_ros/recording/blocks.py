@@ -243,16 +243,23 @@ def _find_records(data, rows):  # type: ignore[no-untyped-def]
 
 
 @functools.cache
-def _compiled_find() -> Callable[[np.ndarray, np.ndarray], int]:
+def compile_search() -> Callable[[np.ndarray, np.ndarray], int]:
+    """Compile the search for records in the bytes of chunks, or load it.
+
+    Returns:
+        `_find_records`, compiled.
+    """
     from crawler_model.compiled import compiled
 
-    return compiled(_find_records)
+    find: Callable[[np.ndarray, np.ndarray], int] = compiled(_find_records)
+    find(np.zeros(0, np.uint8), np.zeros((0, 7), np.int64))
+    return find
 
 
 def _scan(pending: bytearray, contents: Contents) -> Block:
     """Find the messages in the bytes of chunks, and keep the schemas and channels."""
     data = np.frombuffer(pending, np.uint8)
-    find = _compiled_find()
+    find = compile_search()
     rows = np.zeros((find(data, np.zeros((0, 7), np.int64)), 7), np.int64)
     find(data, rows)
     is_message = rows[:, 0] == Opcode.MESSAGE
