@@ -54,6 +54,7 @@ def test_states_come_at_every_nth_tick_and_where_commands_end_and_replay_is_iden
         *("scene:=three_contacts_one_way", "lock_step:=true", f"publish.every:={EVERY}", f"record:={bags}"),
         hear=("joint_states", "contact_states", "pose", "applied_commands"),
     )
+    wait_until(lambda: ros.heard["contact_states"] and ros.heard["pose"], what="state 0 of each")
     ros.publish("joint_trajectory", trajectory(0.23))
     wait_until(lambda: ticks(ros)[-1] == 23)
     assert ticks(ros) == [0, 5, 10, 15, 20, 23]
