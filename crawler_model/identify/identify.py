@@ -85,7 +85,8 @@ def identify(
         CrawlerError: if an option is out of range, or no motion exists at any start.
     """
     scene = coerce_scene(scene, "identify")
-    if isinstance(recordings, (str, Measurements)) or not all(isinstance(one, Measurements) for one in recordings):
+    one = isinstance(recordings, (str, Path, Measurements))
+    if one or not all(isinstance(each, Measurements) for each in recordings):
         raise CrawlerError(f"identify: recordings: {recordings!r:.60}; it must be a list of Measurements")
     if not recordings:
         raise CrawlerError("identify: no recording; at least one is needed")

@@ -246,9 +246,9 @@ def compile_ticks(scene: Scene) -> None:
     _skip_blas()
     prepare(scene)
     body, crawler, joints = scene.body, Crawler(scene), JointStateMessage(joint_state_names(scene.body))
-    for shown, names in ((shown_contacts(body), contact_names(body)), (np.zeros(0, np.int64), [])):
-        readout = Readout(body, shown)
-        readout.read(crawler, np.inf, joints.numbers, JointStateMessage(names).numbers)
+    everything, readout = Readout(body, shown_contacts(body)), Readout(body, np.zeros(0, np.int64))
+    everything.read(crawler, np.inf, joints.numbers, JointStateMessage(contact_names(body)).numbers)
+    readout.read(crawler, np.inf, joints.numbers, JointStateMessage([]).numbers)
     Path(Vertex(0, crawler.row)).follow_many(0, np.ones(1, np.int64), crawler.row)
     if runs_in_one_call(crawler):
         n, width = body.contacts, scene.columns.index.size

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import os
 import signal
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -421,7 +422,7 @@ def test_contacts_in_the_reverse_order_are_reported(sign: float) -> None:
     assert "in the reverse order" in found.warnings[-2]
 
 
-@pytest.mark.parametrize("recordings", ["run.csv", ["run.csv"]])
+@pytest.mark.parametrize("recordings", ["run.csv", Path("run.csv"), ["run.csv"]])
 def test_a_file_is_no_recording(recordings: object) -> None:
     with pytest.raises(CrawlerError, match="it must be a list of Measurements"):
         identify(Scene.model_validate(mixed(seed=1)), recordings, FRICTION)  # type: ignore[arg-type]
