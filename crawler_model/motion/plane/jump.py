@@ -10,16 +10,16 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, inner
+from ...compiled import compiled, inner, lean
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
-from .frame import assign, load_of, unwind, yaw_of
-from .friction import resistance
-from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
+from .frame import assign, friction_of, load_of, unwind, yaw_of
+from .friction import gap_of, resistance
+from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .walk import command_at, work_of
 
-_MOST_STEPS = 4000
+_MOST_STEPS = 20000
 _NUDGE = 1e-6
 """An unstable equilibrium is left by a displacement of this part of the shortest link."""
 _STILL = 1e-11
@@ -27,7 +27,12 @@ _STILL = 1e-11
 _LONG = 0.02
 """After a longer step, as a part of the shortest link, the springs are stiffer; after a shorter one, softer."""
 _SOFT = 1e-9
-"""Stiffness of the springs, relative to grips, at which a body at rest has arrived."""
+"""Stiffness of the springs, relative to grips, at which a body at rest has arrived; less is rounding."""
+_BAND = 1e-9
+"""A force this close to the boundary of its set, relative to its size, is on it."""
+_BALANCED, _ROUNDING = 0.02, 1e-13
+"""Energy that a step may gain beyond the works of friction and loads, as a part of friction's and of the stored energy:
+frames turn and links push more in a longer step than along the path, and the body would go round for ever."""
 
 
 @inner
@@ -45,7 +50,7 @@ def nudge(frame, command, x, moved, tie):
     """
     assign(tie, x)
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
-    falls, best = decreases(frame, command, matrix, owner, UNSTABLE)
+    falls, best = decreases(frame, command, matrix, owner, -_SOFT)
     if not falls:
         return
     largest = 0
@@ -60,6 +65,30 @@ def nudge(frame, command, x, moved, tie):
     for p in range(best.size):
         for c in range(2):
             tie[owner[p], c] += size * best[p] * axis[p, c]
+
+
+@lean
+def _measure_step(frame, command, base, x):
+    """Compute how far a point moves in a step at most [m], and the works against friction and of the loads [J]."""
+    longest = friction = loads = 0.0
+    for i in range(x.shape[0]):
+        v0 = x[i, 0] - base[i, 0]
+        v1 = x[i, 1] - base[i, 1]
+        longest = max(longest, math.hypot(v0, v1))
+        friction += resistance(frame, command, x, i, v0, v1)
+        loads += load_of(frame, command, i, 0) * v0 + load_of(frame, command, i, 1) * v1
+    return longest, friction, loads
+
+
+@lean
+def _keep_path(frame, command, x, base, force, path):
+    """Write how points moved last, of those that move or are about to: their force is on the boundary of its set."""
+    for i in range(x.shape[0]):
+        if x[i, 0] != base[i, 0] or x[i, 1] != base[i, 1]:
+            path[i, 0] = x[i, 0] - base[i, 0]
+            path[i, 1] = x[i, 1] - base[i, 1]
+        elif gap_of(frame, command, x, i, force) > _BAND * friction_of(frame, command, i)[2]:
+            path[i, 0] = path[i, 1] = 0.0
 
 
 @compiled
@@ -87,38 +116,43 @@ def jump(frame, state, target, part, moved, account):
     work = work_of(frame, x, command, now, slope)
     base = x.copy()
     start = np.empty((n, 2))
-    step = np.empty((n, 2))
+    path = moved.copy()
     nudge(frame, now, x, moved, start)
     assign(base, start)
     shortest = frame.rest[: frame.ends.shape[0]].min()
     eta = 1.0
-    dissipated = pulled = 0.0
-    least = 0.0
+    dissipated = pulled = least = 0.0
+    stored = energy_of(frame, now, base)
     done = False
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
-        if not solved:
+        longest, friction, loads = _measure_step(frame, now, base, start)
+        after = energy_of(frame, now, start)
+        if not solved or after - stored + friction - loads > _BALANCED * friction + _ROUNDING * stored:
             assign(start, base)
-            least = eta
+            least = 2.0 * eta
             eta *= 4.0
             continue
-        longest = 0.0
-        for i in range(n):
-            for c in range(2):
-                step[i, c] = start[i, c] - base[i, c]
-            longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
-            dissipated += resistance(frame, now, start, i, step[i, 0], step[i, 1])
-            pulled += load_of(frame, now, i, 0) * step[i, 0] + load_of(frame, now, i, 1) * step[i, 1]
+        stored = after
+        dissipated += friction
+        pulled += loads
+        _keep_path(frame, now, start, base, force, path)
         assign(base, start)
-        if longest <= _STILL * shortest and eta <= max(_SOFT, 2.0 * least):
-            done, _ = solve_stage(frame, now, base, start, force, 0.0)
-            if done:
+        still = longest <= _STILL * shortest
+        if still and eta <= max(_SOFT, least):
+            nudge(frame, now, base, path, start)
+            if _measure_step(frame, now, base, start)[0] > 0.0:
+                assign(base, start)
+            elif longest == 0.0 or solve_stage(frame, now, base, start, force, 0.0)[0]:
+                done = True
                 break
-        matrix, owner, _ = stiffness_of(frame, now, start, step, 1.0)
+            else:
+                assign(start, base)
+        matrix, owner, _ = stiffness_of(frame, now, start, path, 1.0)
         falls = least_eigenvalue(matrix) if decreases(frame, now, matrix, owner, -_SOFT)[0] else 0.0
         eta *= 0.25 if longest < _LONG * shortest else 2.0
-        eta = max(eta, 2.0 * least, -2.0 * falls, 0.5 * _SOFT)  # else a step may end in a maximum
-        least *= 0.9
+        least = max(least if still else 0.9 * least, -2.0 * falls)  # else a step may end in a maximum
+        eta = max(eta, least, 0.5 * _SOFT)
     if not done:
         return False, 0, 0.0, 0.0
     farthest = 0

@@ -352,3 +352,26 @@ def test_friction_far_larger_to_one_side_takes_few_parts(tolerance):
     assert step.events < 300  # it once took 18 000
     end = [[0.0, 0.0], [0.114252, -0.011403], [0.174802, -0.058245]]
     np.testing.assert_allclose(body.displacement, end, rtol=0.0, atol=0.5 * tolerance * 0.082 + 1e-6)
+
+
+def test_a_jump_along_rolling_contacts_ends():
+    """Friction 900 times less to one side: two contacts roll and turn the body; it once went round for ever."""
+    friction = {
+        "forward": [0.63, 0.00084, 0.58],
+        "backward": [0.64, 0.00084, 0.4],
+        "left": [0.58, 0.75, 0.16],
+        "right": [0.00071, 0.0016, 0.51],
+        "frame": [[0, 1], [0, 1], [1, 2]],
+    }
+    scene = {
+        "points": [[0.0, 0.0], [1.4, -0.014], [2.7, 0.17]],
+        "links": {"stiffness": 12.0},
+        "joints": chain_of(3, 4.2),
+        "friction": friction,
+    }
+    goals = np.array([[0.11, 0.0, -0.15], [0.26, 0.23, -0.17], [0.036, 0.21, 0.15]])
+    _, steps = follow(scene, goals, 1e-3)
+    jumps = steps[-1].jumps
+    assert max(jump.distance for jump in jumps) > 3.0
+    assert 0.0 < sum(jump.loss for jump in jumps) < 0.05 * steps[-1].dissipation
+    assert max(step.certificate.violation for step in steps) < 1e-9
