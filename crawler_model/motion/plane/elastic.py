@@ -9,6 +9,9 @@ import numpy as np
 from ...compiled import compiled, inner, lean
 from .frame import load_of, span, unwind
 
+_POINT = 1e-9
+"""A link that is shorter than this part of its reference length has no direction."""
+
 
 @lean
 def stretch_link(frame, command, x, s):
@@ -21,10 +24,13 @@ def stretch_link(frame, command, x, s):
         s: the link.
 
     Returns:
-        Its tension [N], its length [m], and its direction from a to b, two components [1].
+        Its tension [N], infinite if it has shrunk to a point, its length [m], and its direction from a to b, two
+        components [1].
     """
     e0, e1 = span(frame, x, frame.ends[s, 0], frame.ends[s, 1])
     length = math.hypot(e0, e1)
+    if length <= _POINT * frame.rest[s]:
+        return np.inf, length, e0, e1
     return frame.stiffness[s] * (length - (frame.rest[s] + command[s])), length, e0 / length, e1 / length
 
 

@@ -28,11 +28,14 @@ _LONG = 0.02
 """After a longer step, as a part of the shortest link, the springs are stiffer; after a shorter one, softer."""
 _SOFT = 1e-9
 """Stiffness of the springs, relative to grips, at which a body at rest has arrived; less is rounding."""
+_STIFFEST = 1e6
+"""Beyond this stiffness, relative to grips, rounding errors of the springs exceed friction."""
 _BAND = 1e-9
 """A force this close to the boundary of its set, relative to its size, is on it."""
 _BALANCED, _ROUNDING = 0.02, 1e-13
-"""Energy that a step may gain beyond the works of friction and loads, as a part of friction's and of the stored energy:
-frames turn and links push more in a longer step than along the path, and the body would go round for ever."""
+"""Energy that a step may gain beyond the works of friction and loads: as a part of friction's, and for rounding of the
+stored energy and of all friction along the body. Frames turn and links push more in a longer step than along the path,
+and the body would go round for ever."""
 
 
 @inner
@@ -123,15 +126,21 @@ def jump(frame, state, target, part, moved, account):
     eta = 1.0
     dissipated = pulled = least = 0.0
     stored = energy_of(frame, now, base)
+    held = 0.0
+    for i in range(n):
+        held += friction_of(frame, now, i)[2]
+    rounding = _ROUNDING * (stored + held * frame.rest[: frame.ends.shape[0]].sum())
     done = False
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
         longest, friction, loads = _measure_step(frame, now, base, start)
         after = energy_of(frame, now, start)
-        if not solved or after - stored + friction - loads > _BALANCED * friction + _ROUNDING * stored:
+        if not solved or after - stored + friction - loads > _BALANCED * friction + rounding:
             assign(start, base)
             least = 2.0 * eta
             eta *= 4.0
+            if eta > _STIFFEST:
+                break
             continue
         stored = after
         dissipated += friction
@@ -143,7 +152,8 @@ def jump(frame, state, target, part, moved, account):
             nudge(frame, now, base, path, start)
             if _measure_step(frame, now, base, start)[0] > 0.0:
                 assign(base, start)
-            elif longest == 0.0 or solve_stage(frame, now, base, start, force, 0.0)[0]:
+                stored = energy_of(frame, now, base)
+            elif (longest == 0.0 and eta <= 1.0) or solve_stage(frame, now, base, start, force, 0.0)[0]:
                 done = True
                 break
             else:

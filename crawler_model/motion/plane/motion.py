@@ -32,6 +32,8 @@ _FAR = 1024.0
 """Displacements of more sizes of the body lose digits."""
 _AHEAD = 1e-6
 """Part of a ramp by which commands go on where the body jumps."""
+_COLLAPSED = 1e-3
+"""Where no equilibrium is found and a link is shorter than this part of its reference length, it is the cause."""
 _NEARER, _CONTINUOUS = 16.0, 8.0
 """Commands that go on by a part so much shorter move a body that slides on by so much less at least; one that buckles
 moves by the square root of that, one that falls as far."""
@@ -280,17 +282,16 @@ class PlaneMotion:
             if follow_ramp(self.frame, arrays, target, self.tolerance, velocity, account, progress):
                 break
             place = progress[PLACE]
-            nowhere = f"command: no equilibrium was found at {100.0 * place:.4g} % of the ramp"
             if self.body.turning is None:
                 if not force_step(self.frame, arrays, target, account, progress):
-                    raise CommandError(nowhere)
+                    raise CommandError(self._explain(state, place))
                 continue
             ahead = 4.0 * ahead if place <= landed else _AHEAD
             part = min(ahead / (1.0 - place), 1.0)
             before = tuple(array.copy() for array in arrays)
             found, contact, distance, loss = jump(self.frame, arrays, target, part, velocity, account)
             if not found:
-                raise CommandError(nowhere)
+                raise CommandError(self._explain(state, place))
             progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
             progress[LENGTH] = ahead
             if distance > self.tolerance or not self.body.turning.jumps:
@@ -305,6 +306,15 @@ class PlaneMotion:
                     )
             velocity[:] = 0.0
         state.stability[0] = progress[MARGIN]
+
+    def _explain(self, state: PlanarState, place: float) -> str:
+        """Explain why a ramp cannot be followed beyond a place."""
+        why = "no equilibrium was found"
+        if self.body.turning is not None:
+            lengths = self.frame.rest[: self.body.springs]
+            for link in np.flatnonzero(state.shape[: self.body.springs] < (_COLLAPSED - 1.0) * lengths)[:1]:
+                why = f"link_{link} shrinks to a point, for want of a rest length > 0,"
+        return f"command: {why} at {100.0 * place:.4g} % of the ramp"
 
     def _falls(
         self, state: tuple[np.ndarray, ...], target: np.ndarray, part: float, moved: np.ndarray, distance: float

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, Step, simulate
+from crawler_model import CommandError, Crawler, Scene, Step, simulate
 
 FINE = 1e-7
 
@@ -375,3 +375,17 @@ def test_a_jump_along_rolling_contacts_ends():
     assert max(jump.distance for jump in jumps) > 3.0
     assert 0.0 < sum(jump.loss for jump in jumps) < 0.05 * steps[-1].dissipation
     assert max(step.certificate.violation for step in steps) < 1e-9
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.03])
+def test_a_link_that_shrinks_to_a_point_ends_the_ramp(middle):
+    """Its tension has no direction there. A rest length below 0 alone does no harm while friction keeps the ends apart."""
+    friction = {"forward": 0.1, "backward": 1.0, "left": 0.5, "right": 0.5}
+    points = [[0.0, 0.0], [0.1, middle], [0.2, 0.0]]
+    body = Crawler(build(points, {"stiffness": 50.0}, joints=chain_of(3, 2.0), friction=friction))
+    body.advance([-0.05, 0.0, 0.0])
+    before = body.displacement.copy()
+    with pytest.raises(CommandError, match="link_0 shrinks to a point, for want of a rest length > 0, at"):
+        body.advance([-0.15, 0.0, 0.0])
+    np.testing.assert_array_equal(body.displacement, before)
+    body.advance([0.0, 0.0, 0.0])
