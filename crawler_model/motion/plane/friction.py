@@ -23,6 +23,8 @@ from .polygon import gap_in, linearise_polygon, work_against
 
 _CLOSE = 32.0 * EPS
 """Rounding error of a force, relative to the magnitude of its terms."""
+ON_BOUNDARY = 1e-9
+"""A force this close to the boundary of its set, relative to its size, is on it."""
 SLACK = 4.0
 """A point sticks if it is beyond the boundary of its set by no more than so many rounding errors."""
 

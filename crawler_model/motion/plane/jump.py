@@ -14,7 +14,7 @@ from ...compiled import compiled, inner, lean
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
 from .frame import assign, friction_of, load_of, unwind, yaw_of
-from .friction import gap_of, resistance
+from .friction import ON_BOUNDARY, gap_of, resistance
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .walk import command_at, work_of
@@ -30,8 +30,6 @@ _SOFT = 1e-9
 """Stiffness of the springs, relative to grips, at which a body at rest has arrived; less is rounding."""
 _STIFFEST = 1e6
 """Beyond this stiffness, relative to grips, rounding errors of the springs exceed friction."""
-_BAND = 1e-9
-"""A force this close to the boundary of its set, relative to its size, is on it."""
 _BALANCED, _ROUNDING = 0.02, 1e-13
 """Energy that a step may gain beyond the works of friction and loads: as a part of friction's, and for rounding of the
 stored energy and of all friction along the body. Frames turn and links push more in a longer step than along the path,
@@ -90,7 +88,7 @@ def _keep_path(frame, command, x, base, force, path):
         if x[i, 0] != base[i, 0] or x[i, 1] != base[i, 1]:
             path[i, 0] = x[i, 0] - base[i, 0]
             path[i, 1] = x[i, 1] - base[i, 1]
-        elif gap_of(frame, command, x, i, force) > _BAND * friction_of(frame, command, i)[2]:
+        elif gap_of(frame, command, x, i, force) > ON_BOUNDARY * friction_of(frame, command, i)[2]:
             path[i, 0] = path[i, 1] = 0.0
 
 

@@ -24,7 +24,7 @@ from .elastic import energy_of, pull
 from .ends import find_end, round_down, snap
 from .equal_steps import farthest
 from .frame import columns_of, friction_of, load_of, unwind, yaw_of
-from .friction import gap_of, load_part, resistance
+from .friction import ON_BOUNDARY, gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import approach, solve_stage
@@ -35,8 +35,6 @@ _GLANCE, _TURNING_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-5, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, of bodies that turn, where longer parts lose accuracy
 and shorter ones invariance, and with polygons, whose paths are straight; and by how much a part is shortened in which
 velocities change."""
-_BAND = 1e-9
-"""A point this close to the boundary of its set, relative to its size, is on it."""
 _INWARDS = 1e-9
 """A force on the boundary that moves inwards more slowly than this stays there, of bodies that turn [1 per ramp]."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
@@ -76,7 +74,7 @@ def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
     bend = rate0 * rate0 + rate1 * rate1 - growth * growth
     outwards = u0 * rate0 + u1 * rate1 - growth
     under = outwards * outwards + bend * inside
-    if (inside <= _BAND and outwards > -inwards) or under <= 0.0:
+    if (inside <= ON_BOUNDARY and outwards > -inwards) or under <= 0.0:
         return np.inf
     if outwards < 0.0:
         return (math.sqrt(under) - outwards) / bend if bend > 0.0 else np.inf
