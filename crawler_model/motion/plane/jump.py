@@ -48,12 +48,15 @@ def nudge(frame, command, x, moved, tie):
         tie: output: the displacements after the nudge; `x` where it is stable, shape (N, 2) [m]. Of the two
             directions of a motion that is free to both sides, the one is taken whose largest component, of the first
             of these points, is positive.
+
+    Returns:
+        Whether it is unstable.
     """
     assign(tie, x)
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
     falls, best = decreases(frame, command, matrix, owner, -_SOFT)
     if not falls:
-        return
+        return False
     largest = 0
     free = True
     for p in range(best.size):
@@ -66,6 +69,7 @@ def nudge(frame, command, x, moved, tie):
     for p in range(best.size):
         for c in range(2):
             tie[owner[p], c] += size * best[p] * axis[p, c]
+    return True
 
 
 @lean
@@ -147,8 +151,7 @@ def jump(frame, state, target, part, moved, account):
         assign(base, start)
         still = longest <= _STILL * shortest
         if still and eta <= max(_SOFT, least):
-            nudge(frame, now, base, path, start)
-            if _measure_step(frame, now, base, start)[0] > 0.0:
+            if nudge(frame, now, base, path, start):
                 assign(base, start)
                 stored = energy_of(frame, now, base)
             elif (longest == 0.0 and eta <= 1.0) or solve_stage(frame, now, base, start, force, 0.0)[0]:
