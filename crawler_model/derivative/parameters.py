@@ -212,7 +212,10 @@ def _differentiate_together(
 
 
 def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[str, ...], caller: str) -> np.ndarray:
-    """Compute the derivative of all arrays, one after another, from scenes that are assembled one by one."""
+    """Compute the derivative of all arrays, one after another, from scenes that are assembled one by one.
+
+    Each number has the longest step that agrees with the next one; a derivative that is zero may agree with none.
+    """
     base = _flat(scene)
 
     @functools.cache
@@ -226,27 +229,30 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
     error: SceneError | None = None
-    finer: np.ndarray | None = None
+    derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
+    tried = False
     for _ in range(_TRIES):
         for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
             try:
                 found = _difference(at, base, places, side * step)
                 finer = _difference(at, base, places, side * step / _FINER)
-                if _agree(found, finer, base, step / _FINER):
-                    return finer
+                derivative, tried = np.where(known, derivative, finer), True
+                known |= _agree(found, finer, base, step / _FINER)
+                if known.all():
+                    return derivative
                 break  # a start at rest has kinks where knots are met
             except SceneError as refused:
                 error = error or refused
         step /= _FINER
-    if finer is not None:
-        return finer
+    if tried:
+        return derivative
     raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
 
 
-def _agree(derivative: np.ndarray, finer: np.ndarray, base: np.ndarray, step: float) -> bool:
-    """Determine whether differences with two steps, of which the second is given, are equal up to their errors."""
+def _agree(derivative: np.ndarray, finer: np.ndarray, base: np.ndarray, step: float) -> np.ndarray:
+    """Determine where differences with two steps, of which the second is given, are equal up to their errors."""
     allowed = _AGREE * np.maximum(np.abs(derivative), np.abs(finer)) + _NOISE * np.abs(base) / step
-    return bool((np.abs(derivative - finer) <= allowed).all())
+    return np.asarray(np.abs(derivative - finer) <= allowed)
 
 
 def _difference(at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float) -> np.ndarray:

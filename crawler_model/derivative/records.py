@@ -15,13 +15,15 @@ _FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
 NO_END, CORNER, EVENT, TIE = range(4)
 """How the last piece ended: there was none; at a vertex of the commands; at an event; at events whose order depends on
 the parameters."""
+FREE = 2
+"""No friction holds the contact, and none would if there were some: it follows the others."""
 
 CONTACT = np.dtype(
     [
         ("share", _FLOAT),  # weight in the net translation
         ("v", _FLOAT),  # velocity on the piece [m per ramp]
         ("v_before", _FLOAT),  # velocity on the piece before
-        ("sliding", _BYTE),  # direction on the piece: 1, -1; 0 if it is stuck, 1 without friction
+        ("sliding", _BYTE),  # direction on the piece: 1, -1; 0 if it is stuck, FREE without friction if it never slid
         ("arriving", _BYTE),  # bounds that it reaches at the end of the piece, as bits FORWARD and BACKWARD
         ("arrived", _BYTE),  # 1 if it reached a bound there, 2 if that instant depends on the parameters
         ("force", _FLOAT),  # of the springs, at the end of the piece [N]

@@ -27,7 +27,7 @@ from .curves import (
 )
 from .elimination import eliminate_many
 from .kinks import INSTANT, SAME, look_at_bounds, mark, pass_end
-from .records import NO_END
+from .records import FREE, NO_END
 
 _STILL = 1e-12
 """A velocity below this part of the largest one is rounding."""
@@ -37,7 +37,10 @@ _TO_THE_END = 1.0 - 1e-13
 
 @lean
 def _find_sliding(contacts, commands, springs, middle):
-    """Find which contacts slide on a piece, and clear the velocities of the others; returns how many slide."""
+    """Find which contacts slide on a piece, and clear the velocities of the others; returns how many slide.
+
+    A contact without friction that rests keeps the direction in which it slid last: friction would hold it at that bound.
+    """
     n = contacts.shape[0]
     fastest = 0.0
     for i in range(n):
@@ -45,7 +48,7 @@ def _find_sliding(contacts, commands, springs, middle):
     count = 0
     for i in range(n):
         contact = contacts[i]
-        contact.sliding = 0
+        before, contact.sliding = contact.sliding, 0
         width = 0.0
         for row in (springs + i, springs + n + i):
             width += commands.start[row] + middle * commands.change[row]
@@ -54,7 +57,7 @@ def _find_sliding(contacts, commands, springs, middle):
         else:
             contact.v = 0.0
             if width == 0.0:
-                contact.sliding = 1
+                contact.sliding = FREE if before == 0 else before
         count += contact.sliding != 0
     return count
 
@@ -66,7 +69,9 @@ def _balance(system, derivative, commands):
     n, columns = load.shape
     for i in range(n):
         for c in range(columns):
-            if contacts[i].sliding > 0:
+            if contacts[i].sliding == FREE:
+                load[i, c] = 0.0
+            elif contacts[i].sliding > 0:
                 load[i, c] = -commands.d_target[springs.shape[0] + i, c]
             elif contacts[i].sliding < 0:
                 load[i, c] = commands.d_target[springs.shape[0] + n + i, c]

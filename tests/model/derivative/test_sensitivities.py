@@ -256,6 +256,29 @@ def test_friction_that_leaves_the_translation_open_is_a_kink() -> None:
     assert found.one_sided.tolist() == [False, False, True]
 
 
+@pytest.mark.parametrize("contact", [1, 2])
+@pytest.mark.parametrize("rows", [[[-1.0, -0.3], [-1.0, -0.3]], [[0.1, 0.0], [0.05, 0.0], [0.05, 0.0], [0.0, 0.1]]])
+def test_a_contact_without_friction_rests_at_the_bound_at_which_it_slid_last(contact: int, rows: list[Any]) -> None:
+    """On a plateau nothing moves; with a little friction that contact would stay where it stopped."""
+    forward, backward = [0.3, 0.25, 0.2], [0.5, 0.45, 0.6]
+    forward[contact] = backward[contact] = 0.0
+    document = {
+        "name": "rest",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [1.0, 2.0]}},
+        "friction": {"forward": forward, "backward": backward},
+        "drive": {"times": list(range(1 + len(rows))), "actuation": [[0.0, 0.0], *rows]},
+    }
+    scene = Scene.model_validate(document)
+    keys = [f"friction.forward[{contact}]", f"friction.backward[{contact}]"]
+    found, step = sensitivities(scene, keys, float(len(rows)), 4.0), 1e-6
+    assert found.differentiable
+    run = simulate(scene, float(len(rows)), 4.0)
+    for p, key in enumerate(keys):
+        (other,) = vary(scene, {key: [step]})
+        difference = (simulate(other, float(len(rows)), 4.0).displacement - run.displacement) / step
+        assert np.abs(found.displacement[..., p] - difference).max() < 1e-8, key
+
+
 # -- bad input ------------------------------------------------------------------------------------------------------
 
 
