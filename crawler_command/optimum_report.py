@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,7 +39,7 @@ def describe_optimum(found: Optimum) -> list[str]:
     if found.robustness is not None:
         kind = "the mean" if found.robustness.over == "expected" else "the worst"
         worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"
-    lines = [f"{found.scene.name}: {words[found.objective]} {found.value:.6g}{unit}{worst}"]
+    lines = [f"{found.scene.name}: {words[found.objective]} {_number(found.value)}{unit}{worst}"]
     if found.motion is not None and len(found.motion) == 3:
         dx, dy, dyaw = found.motion
         lines.append(f"motion per period {dx:.6g} m forward, {dy:.6g} m to the left, {dyaw:.6g} rad")
@@ -52,7 +53,8 @@ def describe_optimum(found: Optimum) -> list[str]:
     if len(shown) > _SHOWN_ROWS:
         lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
     slope = "one-sided derivatives" if not found.differentiable else "differentiable"
-    slope = f"{slope}, projected gradient {found.gradient_norm:.1e}"
+    if not math.isnan(found.gradient_norm):
+        slope = f"{slope}, projected gradient {found.gradient_norm:.1e}"
     if not found.scene.has_exact_derivatives:
         slope = "without derivatives"
     lines.append(
@@ -85,12 +87,17 @@ def describe_optimum(found: Optimum) -> list[str]:
     return lines
 
 
+def _number(value: float, digits: int = 6) -> str:
+    """Write a number; there is no cost of transport where nothing moves forward."""
+    return "none" if math.isnan(value) else f"{value:.{digits}g}"
+
+
 def _describe_numbers(found: Optimum) -> str:
     end = f"transient left {found.transient_left:.1e} m"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
     return (
-        f"gain {found.gain:.6g} m a period, cost of transport {found.cost_of_transport:.4g}, "
+        f"gain {found.gain:.6g} m a period, cost of transport {_number(found.cost_of_transport, 4)}, "
         f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; {end}"
     )
 

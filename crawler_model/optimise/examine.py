@@ -64,7 +64,7 @@ def finish(
     others = [
         (score, other) for score, other in found.optima if not np.allclose(space.canonical(other), point, atol=1e-3)
     ]
-    alternatives = tuple(_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
+    alternatives = (_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
     flat = tuple(name for name, is_flat in zip(unknowns.names, _find_flat(space, point), strict=True) if is_flat)
     as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
     return Optimum(
@@ -86,7 +86,7 @@ def finish(
         not one_sided,
         kinks,
         _active_bounds(unknowns, space, point, regime),
-        alternatives,
+        tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
         not as_good and not flat,
         tuple(_find_weakness(unknowns, key, values, goal) for key in robust),

@@ -83,6 +83,13 @@ def test_text_names_the_change_that_stops_the_gait(scene, capsys):
     assert "no longer moves forward when friction.forward changes by the factor 2.5" in out
 
 
+def test_text_has_no_cost_of_transport_where_nothing_moves_forward(scene, capsys):
+    status, out, _ = run(capsys, "optimise", "two_anchor_a", "--for", "cost-of-transport", "--seconds", "1")
+    assert status == 0
+    assert "two_anchor_a: cost of transport none\nno gait within these bounds was found that moves forward" in out
+    assert "nan" not in out
+
+
 def test_a_body_that_turns_reaches_a_motion(scene, capsys):
     target = limit_cycle(load_scene("scissors")).gain
     words = ",".join(map(str, target))
