@@ -39,7 +39,7 @@ _TO_THE_END = 1.0 - 1e-13
 def _find_sliding(contacts, commands, springs, middle):
     """Find which contacts slide on a piece, and clear the velocities of the others; returns how many slide.
 
-    A contact without friction that rests keeps the direction in which it slid last: friction would hold it at that bound.
+    A contact without friction that rests keeps the direction in which it slid last, as friction would hold it there.
     """
     n = contacts.shape[0]
     fastest = 0.0

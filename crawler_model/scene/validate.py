@@ -16,13 +16,15 @@ from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
 from .link_parts import CurvePart, JointsPart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
 from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, StartPart, WavePart
 
-_LONGEST = 500  # length of an error message, in characters
+_LONGEST, _LONGEST_VALUE = 500, 200  # length of an error message, and of a value in it, in characters
 _MOST_LISTED = 20  # keys listed in an error message
 _NEAR = 0.6  # minimum similarity of a proposed key
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
 """Entries that pydantic adds to a path for unions of types."""
 _WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?\s*[a-zA-Z°µ/%^0-9]+$")
 """A number and a unit."""
+_EXPECTED, _PLAIN = "Input should be ", {"a valid tuple": "a list", "a valid string": "text"}
+"""How messages of pydantic begin that tell what a value must be, and plain words for some of that."""
 
 
 def validate_parts(document: Any) -> SceneParts:
@@ -56,7 +58,7 @@ def describe(error: ValidationError) -> str:
     """
     mistakes = error.errors(include_url=False)
     mistakes.sort(key=lambda m: (_of_another_type(m), m["type"] != "extra_forbidden"))
-    places = {mistake["loc"][:2] for mistake in mistakes}  # a union reports one mistake per type
+    places = {tuple(_path_of(mistake)[:2]) for mistake in mistakes}  # a union reports one mistake per type
     more = f" (and {len(places) - 1} more mistake{'s' * (len(places) > 2)})" if len(places) > 1 else ""
     text = _describe_one(mistakes[0])
     return (text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...") + more
@@ -70,15 +72,30 @@ def _of_another_type(mistake: ErrorDetails) -> bool:
     return mistake["type"] in ("model_type", "dict_type")
 
 
+def _path_of(mistake: ErrorDetails) -> list[str]:
+    return [str(p) for p in mistake["loc"] if not _INNER.match(str(p))]
+
+
+def _shorten(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]} ..."
+
+
 def _describe_one(mistake: ErrorDetails) -> str:
-    path = [str(p) for p in mistake["loc"] if not _INNER.match(str(p))]
+    path = _path_of(mistake)
     where = ".".join(path)
     if mistake["type"] == "extra_forbidden":
         return f"{where}: unknown key; {propose_key(path[-1], known_keys(path[:-1]))}"
     if mistake["type"] == "missing":
         return f"{where}: missing"
     if mistake["type"] in ("model_type", "dict_type"):
-        return f"{where or 'scene'}: {mistake['input']!r}; it must be a mapping with {', '.join(known_keys(path))}"
+        return (
+            f"{where or 'scene'}: {_shorten(mistake['input'])}; it must be a mapping with {', '.join(known_keys(path))}"
+        )
+    if mistake["msg"].startswith(_EXPECTED):
+        wanted = mistake["msg"].removeprefix(_EXPECTED)
+        mapping = f", or a mapping with {', '.join(known_keys(path))}" if path == ["start"] else ""
+        return f"{where}: {_shorten(mistake['input'])}; it must be {_PLAIN.get(wanted, wanted)}{mapping}"
     text = mistake["msg"].removeprefix("Value error, ")
     if text.endswith("is not a number"):
         text += _explain_unit(mistake["input"], path)

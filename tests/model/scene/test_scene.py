@@ -531,7 +531,7 @@ WRONG_BODIES = [
     (with_segments({}, contacts=[2], links={"between": [["trunk.end", 0]]}), "link 0 joins 'trunk.end'; an end is"),
     (with_segments({}, contacts=[2], links={"between": [["tail.to", 0]]}), "link 0 joins tail.to; there are contacts"),
     (with_segments({}, contacts=[2], links={"between": []}), "no links lead from segment trunk to contact 0"),
-    (with_segments({}, start="relaxd"), "start: Input should be 'relaxed'"),
+    (with_segments({}, start="relaxd"), "start: 'relaxd'; it must be 'relaxed', or a mapping with displacement"),
     (
         with_segments({}, contacts=[2], drive={"times": [0, 1], "actuation": [[0], [1]]}),
         "drive.actuation: row 0: 1 value(s) for 2 link(s) and segment(s); give one number or 2",
@@ -546,7 +546,7 @@ WRONG_BODIES = [
         plane(body={"contacts": [0, 1], "links": {"stiffness": 1.0}}),
         "body.contacts: contact 0 is 0.0; in a planar scene each contact is [x, y]",
     ),
-    (plane(dimension=3), "dimension: Input should be 1 or 2"),
+    (plane(dimension=3), "dimension: 3; it must be 1 or 2"),
     (plane(friction={"forward": 1, "backward": 2}), "in the plane use `isotropic`, or `directions` and `value`"),
     (
         plane(drive={"times": [0, 1], "actuation": [[0], [1]]}),

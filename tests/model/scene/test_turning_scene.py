@@ -215,7 +215,7 @@ def test_a_start_within_friction_is_accepted():
 
 WRONG = [
     ([("dimension", 1)], "body.springs: length; on a line springs always have lengths: write `dimension: 2`"),
-    ([("body/springs", "lengths")], "body.springs: Input should be 'vector' or 'length'"),
+    ([("body/springs", "lengths")], "body.springs: 'lengths'; it must be 'vector' or 'length'"),
     ([("body/contacts", POINTS)], "body.points: both `points` and `contacts`; give one of them"),
     ([("body/points", None)], "body.points: neither `points` nor `contacts`; give one of them"),
     ([("body/points", [[0, 0]])], "body.points: 1 point(s); a body needs at least 2"),
@@ -244,7 +244,7 @@ WRONG = [
     ([("friction/frame", [[0, 1]])], "friction.frame: 1 pair(s) for 4 points; give one each"),
     ([("friction/frame", [[0, 9]] * 4)], "friction.frame: point 0 has [0, 9], but there are points 0 .. 3"),
     ([("friction/angle", [0.1, 0.2])], "friction.angle: 2 value(s) for 4 point(s); give one number or 4"),
-    ([("friction/law", "viscous")], "friction.law: Input should be 'most_dissipative' or 'along_velocity'"),
+    ([("friction/law", "viscous")], "friction.law: 'viscous'; it must be 'most_dissipative' or 'along_velocity'"),
     ([("friction/left", None)], "friction: give both `left` and `right`, or neither"),
     ([("friction/forward", None)], "friction: give `forward`, `backward`, `left` and `right` together, or `isotropic`"),
     (
@@ -266,7 +266,7 @@ WRONG = [
     ([("friction/left", math.inf)], "friction.left: inf is not finite"),
     ([("heading", [0, 0])], "heading: it has [0, 0], point 0 twice; a direction needs two places"),
     ([("heading", [0, 4])], "heading: it has [0, 4], but there are points 0 .. 3"),
-    ([("on_instability", "stop")], "on_instability: Input should be 'jump' or 'refuse'"),
+    ([("on_instability", "stop")], "on_instability: 'stop'; it must be 'jump' or 'refuse'"),
     ([("tolerance", 1e-10)], "tolerance: 1e-10; it must be between 1e-09 and 0.5"),
     ([("drive/actuation", [[0, 0, 0]] * 3)], "drive.actuation: row 0: 3 value(s) for 5 link(s) and joint(s)"),
     ([("drive/actuation", [[[0, 0]] * 5] * 3)], "drive.actuation: row 0 holds lists"),
