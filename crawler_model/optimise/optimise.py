@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..derivative.parameters import expand_keys
 from ..errors import CommandError, SceneError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
@@ -189,7 +190,7 @@ def _build_corners(unknowns: Unknowns, robust: Mapping[str, Bounds]) -> tuple[Un
     factors = []
     for key, given in robust.items():
         both = check_bounds(f"robust: {key}", given)
-        if key in unknowns.keys:
+        if any(name in unknowns.keys for name in expand_keys(unknowns.base, [key], "robust")):
             raise SceneError(f"robust: {key} is free; it cannot be uncertain, too")
         if key.startswith("drive"):
             raise SceneError(f"robust: {key}; the drive is what is sought, only other numbers can be uncertain")

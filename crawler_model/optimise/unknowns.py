@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import Drive
-from ..derivative.parameters import Derivatives, collect_pieces, differentiate_arrays
+from ..derivative.parameters import Derivatives, collect_pieces, differentiate_arrays, expand_keys
 from ..errors import SceneError
 from ..scene.assemble_start import relax_loaded
 from ..scene.assembly import Assembly
@@ -362,7 +362,7 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
 
     Args:
         unknowns: the unknowns.
-        factors: by dotted key.
+        factors: by dotted key; one that names a list multiplies all its numbers.
 
     Returns:
         The same unknowns for the other scene.
@@ -374,8 +374,9 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
     def scale(scene: Scene) -> Scene:
         values = {}
         for key, factor in factors.items():
-            one = Variations(scene, {key: np.zeros(1)}, (1,))
-            values[key] = np.array([one.origin(key) * factor])
+            for name in expand_keys(scene, [key], "robust"):
+                one = Variations(scene, {name: np.zeros(1)}, (1,))
+                values[name] = np.array([one.origin(name) * factor])
         return Variations(scene, values, (1,))[0]
 
     return dataclasses.replace(unknowns, base=scale(unknowns.base))

@@ -170,8 +170,10 @@ def test_the_most_gain_for_its_travel_is_a_full_stroke():
     assert found.value == pytest.approx((0.1 - 2.0 * FORWARD / STIFFNESS) / 0.2, rel=1e-6)
 
 
-def test_robust_counts_the_worst_corner_and_names_the_change_that_stops_the_gait():
-    found = optimise(chain(2), waypoints=2, stroke=(0.0, 0.1), robust={"friction.forward": (0.8, 1.2)})
+@pytest.mark.parametrize("friction", [FORWARD, [FORWARD, FORWARD]])
+def test_robust_counts_the_worst_corner_and_names_the_change_that_stops_the_gait(friction):
+    scene = chain(2, friction={"forward": friction, "backward": BACKWARD})
+    found = optimise(scene, waypoints=2, stroke=(0.0, 0.1), robust={"friction.forward": (0.8, 1.2)})
     assert found.value == pytest.approx(0.1 - 2.0 * 1.2 * FORWARD / STIFFNESS, abs=1e-9)
     assert found.gain == pytest.approx(0.1 - 2.0 * FORWARD / STIFFNESS, abs=1e-9)
     (weakness,) = found.weaknesses
