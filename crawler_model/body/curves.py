@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 BEGIN, END, SLOPE, AT, VALUE, ENERGY = range(6)
 """Columns of the pieces of a curve: from where to where a piece reaches [m], its slope [N/m]; a point on it [m], the
 tension [N] and the energy [J] there."""
+_NEARER = 2.0**-0.5
+"""A knot is nearer to 0 than another one if its distance is below this part: of two at the same distance, as in a
+symmetric curve, the first one counts however their last digits change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +118,8 @@ class Curve:
         """
         slopes = self.slopes
         kept = ~_equal(slopes[1:], slopes[:-1])
-        nearest = int(np.argmin(np.abs(self.at)))
+        distance = np.abs(self.at)
+        nearest = int(np.argmax(_NEARER * distance <= distance.min()))
         kept[nearest] |= slopes[nearest] > 0.0 or not kept.any()
         return Curve(self.at[kept], self.value[kept], self.first, self.last)
 
@@ -135,7 +139,7 @@ class Curve:
             if not _equal(piece[SLOPE], merged[-1, SLOPE]):
                 merged = np.vstack((merged, piece))
                 continue
-            if abs(piece[AT]) < abs(merged[-1, AT]):
+            if abs(piece[AT]) < _NEARER * abs(merged[-1, AT]):
                 merged[-1, AT:] = piece[AT:]
             merged[-1, END] = piece[END]
         here = merged[np.searchsorted(merged[:, END], 0.0)]

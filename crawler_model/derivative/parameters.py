@@ -35,6 +35,8 @@ _SAME = 1e-14
 _AGREE, _NOISE = 1e-7, 64.0 * EPS
 """Part by which derivatives from two steps differ at most if the steps are short enough and no kink is between
 them, and rounding errors of the arrays, relative to their size."""
+_GROWS = 8.0
+"""Factor by which a difference grows at least where a number jumps, when the step shrinks by `_FINER`."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -229,7 +231,7 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
     error: SceneError | None = None
-    derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
+    derivative, known, jumps = np.zeros(base.size), np.zeros(base.size, dtype=bool), False
     tried = False
     for _ in range(_TRIES):
         for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
@@ -240,10 +242,13 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
                 known |= _agree(found, finer, base, step / _FINER)
                 if known.all():
                     return derivative
+                jumps = bool((np.abs(finer) > _GROWS * np.abs(found))[~known].any())
                 break  # a start at rest has kinks where knots are met
             except SceneError as refused:
                 error = error or refused
         step /= _FINER
+    if jumps:
+        raise SceneError(f"{caller}: {name}: the scene jumps where it is {value:g}; it has no derivative there")
     if tried:
         return derivative
     raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
