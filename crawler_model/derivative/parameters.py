@@ -106,6 +106,21 @@ def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ..
     return tuple(names)
 
 
+def with_loads(scene: Scene, keys: Sequence[str]) -> Scene:
+    """Give a scene without loads the ones that keys of its slope or its loads are about, all zero.
+
+    Args:
+        scene: the scene.
+        keys: dotted keys.
+
+    Returns:
+        The same scene, or an equal one whose commands hold loads.
+    """
+    if scene.columns.loads or not any(key_steps(key)[0] in ("loads", "ground") for key in keys if isinstance(key, str)):
+        return scene
+    return Scene.model_validate(scene.document() | {"loads": 0.0 if scene.dimension == 1 else [0.0, 0.0]})
+
+
 def _look_up(node: Any, steps: Sequence[str]) -> Any:
     """Find what a key names in a document; None if it is not there."""
     for step in steps:

@@ -19,7 +19,7 @@ from ..run.simulate import default_duration
 from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .parameters import Derivatives, differentiate_arrays
+from .parameters import Derivatives, differentiate_arrays, with_loads
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 
@@ -137,6 +137,7 @@ def sensitivities(
     """
     scene = coerce_scene(scene, "sensitivities")
     check_differentiable(scene, "sensitivities", plane=True)
+    scene = with_loads(scene, keys)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else float(duration)
     check_duration(seconds)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..body.names import name_joints
-from ..derivative.parameters import expand_keys
+from ..derivative.parameters import expand_keys, with_loads
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
 from ..sweep.keys import key_steps, overlap
@@ -48,6 +48,7 @@ def build_unknowns(
         SceneError: with one line about the first mistake.
     """
     _check_scene(scene)
+    scene = with_loads(scene, tuple(free))
     given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}
     friction = given.pop("friction", None)
     plays = scene.parts.drive is not None and scene.drive.period is not None

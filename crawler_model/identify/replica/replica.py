@@ -16,7 +16,7 @@ import numpy as np
 
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
-from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays
+from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays, with_loads
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ...sweep.vary import Variations, vary
@@ -106,7 +106,7 @@ class Replica:
         """Check the keys against the scene that plays the recording."""
         self.measured = measured
         self._keys = tuple(keys)
-        self._base = replay_scene(scene, measured)
+        self._base = replay_scene(with_loads(scene, keys), measured)
         for key in keys:
             if self._is_recorded and key.startswith("drive."):
                 raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")

@@ -256,6 +256,17 @@ def test_friction_that_leaves_the_translation_open_is_a_kink() -> None:
     assert found.one_sided.tolist() == [False, False, True]
 
 
+def compare_with_steps(scene: Scene, keys: list[str], duration: float) -> None:
+    """Compare derivatives with differences of one small step."""
+    found, step = sensitivities(scene, keys, duration, 4.0), 1e-7
+    assert found.differentiable
+    run = simulate(scene, duration, 4.0)
+    for p, key in enumerate(keys):
+        (other,) = vary(scene, {key: [found.values[p] + step]})
+        difference = (simulate(other, duration, 4.0).displacement - run.displacement) / step
+        assert np.abs(found.displacement[..., p] - difference).max() < 1e-6, key
+
+
 @pytest.mark.parametrize("contact", [1, 2])
 @pytest.mark.parametrize("rows", [[[-1.0, -0.3], [-1.0, -0.3]], [[0.1, 0.0], [0.05, 0.0], [0.05, 0.0], [0.0, 0.1]]])
 def test_a_contact_without_friction_rests_at_the_bound_at_which_it_slid_last(contact: int, rows: list[Any]) -> None:
@@ -269,14 +280,29 @@ def test_a_contact_without_friction_rests_at_the_bound_at_which_it_slid_last(con
         "drive": {"times": list(range(1 + len(rows))), "actuation": [[0.0, 0.0], *rows]},
     }
     scene = Scene.model_validate(document)
-    keys = [f"friction.forward[{contact}]", f"friction.backward[{contact}]"]
-    found, step = sensitivities(scene, keys, float(len(rows)), 4.0), 1e-6
-    assert found.differentiable
-    run = simulate(scene, float(len(rows)), 4.0)
-    for p, key in enumerate(keys):
-        (other,) = vary(scene, {key: [step]})
-        difference = (simulate(other, float(len(rows)), 4.0).displacement - run.displacement) / step
-        assert np.abs(found.displacement[..., p] - difference).max() < 1e-8, key
+    compare_with_steps(scene, [f"friction.{side}[{contact}]" for side in ("forward", "backward")], float(len(rows)))
+
+
+def test_level_ground_has_a_derivative_by_its_slope() -> None:
+    document = pull([0.0, 1.0, 2.0], [[0.0], [4.0], [0.0]])
+    document["body"] |= {"weights": 1.0}
+    document |= {"friction": {"forward": 0.1, "backward": 0.3}, "ground": {"slope": 0.0}}
+    assert compare(document, ("ground.slope",)) == 1
+    loads = sensitivities(Scene.model_validate(document), ["loads[1]"], DURATION, RATE)
+    with_loads = sensitivities(Scene.model_validate(document | {"loads": 0.0}), ["loads[1]"], DURATION, RATE)
+    np.testing.assert_array_equal(loads.displacement, with_loads.displacement)
+    assert np.abs(loads.displacement).max() > 0.1
+
+
+@pytest.mark.parametrize("knot", [0, 1])
+def test_knots_at_the_same_distance_from_zero_have_derivatives(knot: int) -> None:
+    """The anchor of a piece between them must not change sides when one of them moves."""
+    curve = {"elongation": [-0.25, 0.25, 0.75], "tension": [-0.25, 0.25, 1.25]}
+    document = pull([0.0, 1.0, 2.0, 3.0], [[0.0], [0.6], [-0.3], [0.4]])
+    document["body"] = {"contacts": [0.0, 1.0], "links": [{"curve": curve}]}
+    document["friction"] = {"forward": 0.05, "backward": 0.15}
+    scene = Scene.model_validate(document)
+    compare_with_steps(scene, [f"body.links[0].curve.{what}[{knot}]" for what in ("elongation", "tension")], 3.0)
 
 
 # -- bad input ------------------------------------------------------------------------------------------------------
