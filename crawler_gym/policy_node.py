@@ -33,7 +33,7 @@ from .env import describe_bad, read_action
 from .kernel.plan import ALONG, TERMINATED
 from .lanes import Lanes
 from .policy import load_policy
-from .spec import build_spec
+from .spec import build_spec, list_settings
 
 DEFAULT_SCENE = "three_contacts_one_way"
 _REPORT_EVERY_S = 5.0
@@ -196,7 +196,7 @@ def read_settings(text: str) -> dict[str, Any]:
         raise CrawlerError(f"settings: {text!r} is not YAML: {' '.join(str(error).split())}") from None
     if given is None:
         given = {}
-    known = [name for name in build_spec.__annotations__ if name not in ("scene", "task", "return")]
+    known = list_settings()
     if not isinstance(given, dict):
         raise CrawlerError(f"settings: {text!r}; it must be a mapping, as {{rate: 50.0}}")
     for name in given:

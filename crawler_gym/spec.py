@@ -88,6 +88,7 @@ def build_spec(
     friction: Sequence[float] | None = None,
     price: float = 0.1,
     randomise: Mapping[str, Any] | None = None,
+    **unknown: Any,
 ) -> Spec:
     """Check the settings of an environment and complete them.
 
@@ -112,6 +113,7 @@ def build_spec(
             free where the drive of the scene changes it.
         price: price of work relative to the force that supports the body (as in the cost of transport) [1].
         randomise: how episodes differ, unless `reset` is given other options; see `read_ranges`.
+        **unknown: others, which are refused.
 
     Returns:
         The settings.
@@ -124,6 +126,8 @@ def build_spec(
         raise CrawlerError("task: steer; many at a time and as a ROS node it is not available, see SteerEnv")
     if given.body.turning is not None:
         raise CrawlerError(f"task: {task}, but {given.name} turns; the task of bodies that turn is steer")
+    for name in unknown:
+        raise CrawlerError(f"{name}: unknown setting; the settings are {', '.join(list_settings())}")
     ranges = read_ranges(randomise or {})
     ratio = rational_rate(rate)
     if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps <= MOST_STEPS:
@@ -144,6 +148,11 @@ def build_spec(
     force = float(supporting_force(loaded))
     per_joule = price / force if force > 0.0 else 0.0
     return Spec(loaded, checked, actions, spans, ranges, ratio, steps, per_joule, stroke, friction, per_stroke)
+
+
+def list_settings() -> list[str]:
+    """List the names of the settings beside the scene and the task."""
+    return [name for name in build_spec.__annotations__ if name not in ("scene", "task", "unknown", "return")]
 
 
 def _with_loads(scene: Scene, ranges: Ranges) -> Scene:

@@ -160,6 +160,9 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
     """
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
+    for name, path in zip(names, everything.paths, strict=True):
+        if "directions" in path:
+            raise SceneError(f"{caller}: {name}: derivatives by directions are not computed; by the values they are")
     origin = {name: everything.origin(name) for name in names}
     changing = {name: changing_keys(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
     together: Sequence[str] = [] if scene.dimension == 2 else names

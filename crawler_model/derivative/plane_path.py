@@ -36,8 +36,9 @@ _AT_BOUND = 4.0
 _LONG = 1e-2
 """A point that rests at the boundary of its set over this part of a ramp does not just start or stop there."""
 _SHORT = 1e-3
-"""A part this much shorter than the one before has its velocities."""
-_SHORT_OF = 1.0 - 1e-8
+"""A part this much shorter than the one before has its velocities; in one this much shorter than the ramp a point goes
+on that moves by more than this part of what its velocity suggests."""
+_SHORT_OF = 1.0 - 1e-6
 """Derivatives are followed over this much of a part at whose end a force may reach a corner and be on two edges."""
 _STEP = 1e-7
 """Step of the differences of gaps, relative to what changes with a parameter."""
@@ -96,15 +97,16 @@ class PlanePath:
         drive = plan.drive
         motion = build_plane_motion(plan)
         self._plan = plan
-        tolerance = motion.tolerance * min(1.0, _TOLERANCE * coarser / tolerance_of(plan))
+        tolerance = motion.tolerance * min(1.0, _TOLERANCE / tolerance_of(plan)) * coarser
         self._motion = dataclasses.replace(motion, tolerance=tolerance)
         self._state = self._motion.start(plan.start_displacement, drive.targets[0])
         self._velocity = self._motion.scratch()
         self._rates = Rates(derivatives.stiffness, derivatives.rest, derivatives.offset)
-        self._d_position = derivatives.position
+        turns = not motion.frame.vector  # the forces of vector springs do not depend on the reference positions
+        self._d_position = derivatives.position if turns else np.zeros_like(derivatives.position)
         self._targets = drive.targets
         self._d_targets = derivatives.targets
-        self._place = derivatives.start + derivatives.position
+        self._place = derivatives.start + self._d_position
         self._d_command = self._motion.expand(derivatives.targets[:1])[0]
         columns = len(derivatives.names)
         self.one_sided = np.zeros(columns, np.bool_)
@@ -175,7 +177,10 @@ class PlanePath:
             part = 1.0 if progress[PLACE] == 1.0 else length / (1.0 - place)
             moved, rate = state.x - x, np.empty_like(self._place)
             way = np.hypot(*moved.T)
-            slides = way > self._rests if last is None else (way > self._rests) | ((way > 0.0) & last.slides)
+            slides = way > self._rests
+            if last is not None and length < _SHORT:
+                expected = np.hypot(*last.velocity.T) * (length / last.length)
+                slides |= (way > _SHORT * expected) & last.slides
             now = _Part(length, x, command, force, gap, moved, slides, np.empty_like(x), np.empty_like(x), rate)
             if last is not None:
                 self._finish_stops(last, now)
@@ -219,6 +224,8 @@ class PlanePath:
         still = [np.zeros_like(part) for part in (*(rate[:, 0] for rate in self._rates), now.x)]
         closing = -self._slope((*still, change, last.velocity), now.command, now.x)
         reached = near & (closing > _SAME * np.abs(closing).max(initial=0.0))
+        if not self._motion.frame.directions.size:
+            reached &= ~last.slides[:, None]  # what slid already was at the boundary
         if not reached.any():
             return
         delays = np.array([self._slope(way, now.command, now.x)[reached] for way in self._ways()]) / closing[reached]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +67,8 @@ class Sensitivities:
             derivative, bool, shape (P,).
         kinks: where they are.
         tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of the error of
-            those of the displacement, relative to the largest one with respect to the same parameter [1].
+            those of the displacement, relative to the largest one with respect to the same parameter; NaN where none is
+            two-sided [1].
     """
 
     parameters: tuple[str, ...]
@@ -92,7 +94,7 @@ class Sensitivities:
         state = "differentiable"
         if not self.differentiable:
             state = f"{int(self.one_sided.sum())} of them one-sided"
-        error = f", errors up to about {self.tolerance:.0e}" if self.tolerance else ""
+        error = f", errors up to about {self.tolerance:.0e}" if self.tolerance > 0.0 else ""
         return f"Sensitivities({len(self.parameters)} parameters, {self.time.size} times, {state}{error})"
 
     def _repr_html_(self) -> str:
@@ -158,7 +160,7 @@ def sensitivities(
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
     error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))[~fine.one_sided]
     relative = error / np.maximum(size[~fine.one_sided], _NOTHING)
-    return dataclasses.replace(fine, tolerance=float(relative.max(initial=0.0)))
+    return dataclasses.replace(fine, tolerance=float(relative.max()) if relative.size else math.nan)
 
 
 def _differentiate(

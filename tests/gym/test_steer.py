@@ -144,7 +144,9 @@ def test_other_tasks_name_this_one():
     with pytest.raises(CrawlerError, match="the task of bodies that turn is steer"):
         gymnasium.make("Crawler-v0", scene="steering_inchworm")
     with pytest.raises(CrawlerError, match="task: steer; many at a time"):
-        crawler_gym.CrawlerVectorEnv(2, "steering_inchworm", "steer")
+        crawler_gym.CrawlerVectorEnv(2, "steering_inchworm", "steer", heading=1.0)
+    with pytest.raises(CrawlerError, match="headin: unknown setting; the settings are direction, speed, place"):
+        crawler_gym.CrawlerVectorEnv(2, headin=1.0)
 
 
 def test_a_bad_action_changes_nothing():

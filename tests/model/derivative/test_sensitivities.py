@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -415,6 +417,64 @@ def test_chains_that_turn_agree_with_differences(seed: int) -> None:
         low, high = (simulate(one, 2.0, 1.0) for one in vary(fine, {key: found.values[p] + np.array([-step, step])}))
         expected = (high.displacement - low.displacement) / (2.0 * step)
         assert np.abs(found.displacement[..., p] - expected).max() <= 1e-4 * np.abs(expected).max(), key
+
+
+EVENTS = json.loads(Path(__file__).with_name("planar_events.json").read_text())
+"""Bodies whose parts of ramps end a little late, where contacts rest that moved a little before, or slide on."""
+
+
+@pytest.mark.parametrize(
+    ("case", "rate"),
+    [pytest.param(c, rate, id=f"{c['scene']['name']} at {rate:g} Hz") for c in EVENTS for rate in c["rates"]],
+)
+def test_derivatives_in_the_plane_do_not_depend_on_how_parts_end(case: dict[str, Any], rate: float) -> None:
+    scene = Scene.model_validate(case["scene"] | {"tolerance": 1e-5})
+    fine = Scene.model_validate(case["scene"] | {"tolerance": 1e-9})
+    found = sensitivities(scene, case["keys"], case["duration"], rate)
+    assert found.differentiable
+    assert found.tolerance < 1e-3
+    for p, key in enumerate(case["keys"]):
+        value, step = found.values[p], 1e-4 * max(abs(found.values[p]), 0.1)
+        pair = vary(fine, {key: value + np.array([-step, step])})
+        low, high = (simulate(one, case["duration"], rate).displacement for one in pair)
+        error = np.abs(found.displacement[..., p] - (high - low) / (2.0 * step)).max()
+        assert error <= 3e-3 * np.abs(found.displacement[..., p]).max(), key
+
+
+def test_vector_springs_do_not_depend_on_reference_positions() -> None:
+    found = sensitivities(load_scene("planar_three_points"), ["body.contacts"], 2.0, 4.0)
+    assert len(found.parameters) == 6
+    assert not found.displacement.any()
+    assert not found.work.any()
+
+
+def test_errors_are_estimated_however_small_the_tolerance() -> None:
+    document = load_scene("steering_inchworm").document() | {"tolerance": 1e-9}
+    found = sensitivities(Scene.model_validate(document), ["body.links.stiffness"], 1.0, 2.0)
+    assert 0.0 < found.tolerance < 1e-5
+    found = sensitivities(load_scene("planar_three_points"), ["friction.isotropic[0]"], 1.0, 1.0)
+    assert found.one_sided.all()
+    assert np.isnan(found.tolerance)
+
+
+def test_the_angle_of_friction_counts_where_a_drive_commands_friction() -> None:
+    document = load_scene("steering_inchworm").document()
+    values = {"forward": 0.1, "backward": 0.5, "left": 0.6, "right": 0.7}
+    sides = {side: [[value] * 4, [value + 0.1] * 4] for side, value in values.items()}
+    drive = {"times": [0.0, 1.0], "friction": sides, "actuation": [document["drive"]["actuation"][k] for k in (0, 1)]}
+    few = Scene.model_validate(document | {"drive": drive, "friction": document["friction"] | {"angle": 0.3}})
+    found = sensitivities(few, ["friction.angle"], 1.0, 2.0)
+    low, high = (
+        simulate(one, 1.0, 2.0).displacement for one in vary(few, {"friction.angle": [0.3 - 1e-4, 0.3 + 1e-4]})
+    )
+    difference = (high - low) / 2e-4
+    assert np.abs(difference).max() > 1e-4
+    assert np.abs(found.displacement[..., 0] - difference).max() <= 1e-3 * np.abs(difference).max()
+
+
+def test_derivatives_by_directions_are_refused() -> None:
+    with pytest.raises(SceneError, match=r"friction\.directions\[0\]: derivatives by directions are not computed"):
+        sensitivities(Scene.model_validate(POLYGONS), ["friction.directions"], 1.0, 1.0)
 
 
 def test_a_body_that_jumps_has_no_derivative() -> None:
