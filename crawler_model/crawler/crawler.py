@@ -300,7 +300,8 @@ class Crawler:
             The account of all ramps together.
 
         Raises:
-            CommandError: if the body reaches ground on which nothing holds it; the state does not change.
+            CommandError: if nothing holds the body on the ground that it reaches, or a part of it behind slack springs;
+                the state does not change.
         """
         flags = targets.flags
         if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature

@@ -15,10 +15,11 @@ import scipy.sparse as sp
 from crawler_command.check import print_report
 from crawler_command.screen import Screen
 from crawler_model.crawler.crawler import Crawler
-from crawler_model.errors import SceneError
+from crawler_model.errors import CommandError, SceneError
 from crawler_model.run.simulate import simulate
 from crawler_model.scene.file import load_scene, parse_scene
 from crawler_model.scene.scene import Scene
+from crawler_model.sweep.many import simulate_many
 
 from .bent_bodies import draw_body
 from .rational_bends import NotUniqueError
@@ -360,3 +361,89 @@ def test_check_reports_friction_that_a_motor_never_overcomes():
     assert (
         "contact 1 never slides: it takes 0.5 N forward or 100 N backward, and its links reach 0.4 N and 0.4 N" in text
     )
+
+
+# -- springs that go slack, beside friction that vanishes and loads ------------------------------------------------
+
+
+def pulled(link: dict[str, Any], loads: list[float]) -> Scene:
+    """Two contacts; the load on the second one changes, and friction holds 1 N at the first and 0.25 N there."""
+    return scene_of(
+        {
+            "name": "pulled",
+            "body": {"contacts": [0.0, 0.5], "links": [link]},
+            "friction": {"isotropic": [1.0, 0.25]},
+            "loads": 0.0,
+            "drive": {"times": [0, 1], "actuation": [[0], [0]], "loads": [[0, load] for load in loads]},
+        }
+    )
+
+
+TENDON = {"stiffness": 2.0, "tension": {"least": 0.0}}
+
+
+@pytest.mark.parametrize("rate", [1.0, 7.0, 50.0, 100.0, 1000.0])
+@pytest.mark.parametrize(
+    ("link", "stroke", "place"),
+    [
+        ({"passive": {"stops": {"shortest": -0.25, "longest": 0.25, "stiffness": 16.0}}}, 2.0, -8.0 / 3.0),
+        ({"stiffness": 4.0, "tension": {"least": 0.0}}, -2.0, 35.0 / 12.0),
+    ],
+)
+def test_a_contact_whose_friction_vanishes_stays_where_a_slack_link_left_it(link, stroke, place, rate):
+    """At the last instant nothing holds it; rounding must not let it slide through the slack."""
+    scene = scene_of(
+        {
+            "name": "vanishes",
+            "body": {"contacts": [0.0, 1.0, 2.0], "links": [link, {"stiffness": 3.0}]},
+            "friction": {"isotropic": [0.5, 0.25, 1.0]},
+            "drive": {
+                "times": [0, 1, 2],
+                "actuation": [[0, 0], [0, stroke], [0, 1.5 * stroke]],
+                "friction": {"isotropic": [[0.5, 0.25, 1.0], [0.5, 0.25, 1.0], [0.0, 0.25, 1.0]]},
+            },
+        }
+    )
+    run = simulate(scene, rate=rate)
+    assert run.displacement[-1][0] == pytest.approx(place, abs=1e-11)
+    assert run.unsolved == 0
+
+
+@pytest.mark.parametrize("patches", [[], [{"from": 5.0, "to": 6.0, "friction": 0.5}]])
+def test_friction_that_vanishes_behind_a_slack_tendon_ends_the_ramp(patches):
+    friction = {"forward": [[2, 1]] * 4, "backward": [[2, 1], [2, 1], [2, 0], [2, 1]]}
+    scene = scene_of(
+        {
+            "name": "vanishes",
+            "body": {"contacts": [0.0, 1.0], "links": [TENDON | {"stiffness": 8.0}]},
+            "friction": {"forward": 1.0, "backward": 1.0},
+            "ground": {"patches": patches},
+            "drive": {"times": [0, 1, 2, 3], "actuation": [[0], [-0.2], [-0.2], [0]], "friction": friction},
+        }
+    )
+    run = simulate(scene, rate=200.0)
+    np.testing.assert_allclose(run.displacement[-1], [0.0, -0.2], atol=1e-15)
+    assert run.unsolved == 0
+
+
+def test_loads_that_nothing_holds_behind_a_slack_tendon_are_refused_and_change_nothing():
+    scene = pulled(TENDON, [0.0, -0.5])
+    crawler = Crawler(scene)
+    message = (
+        "no link that is taut holds contact 1 when it is pulled backward, and friction there is less than the loads"
+    )
+    with pytest.raises(CommandError, match=message):
+        crawler.follow(scene.drive.targets[1:])
+    assert crawler.loads.tolist() == [0.0, 0.0]
+    assert crawler.displacement.tolist() == [0.0, 0.0]
+    many = simulate_many([scene, pulled(TENDON, [0.0, 0.125])], duration=1.0)
+    assert many.status.tolist() == ["invalid", "done"]
+    assert re.search(message, many.reason[0])
+
+
+@pytest.mark.parametrize(("load", "place"), [(0.3, 0.025), (0.5, 0.125), (1.1, 0.425)])
+def test_a_load_tightens_a_tendon_from_the_bend_of_its_curve(load, place):
+    """All lengths are 0 there, so that no rounding leads it beyond the bend."""
+    run = simulate(pulled(TENDON, [0.0, load]), rate=1.0)
+    assert run.displacement[-1][1] == pytest.approx(place, abs=1e-15)
+    assert run.unsolved == 0

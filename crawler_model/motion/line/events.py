@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import inlined, lean
+from ...rounding import CRITICAL
 from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
@@ -279,6 +280,26 @@ def _give_up(contacts, springs, model, ramp, count):
 
 
 @lean
+def _is_over(contacts, springs, ramp):
+    """Determine whether the rest of the ramp changes forces by rounding alone, and end it there if so.
+
+    Friction that vanishes with the ramp then holds to its end, and what is loose behind it stays where it is.
+    """
+    change = size = 0.0
+    for i in range(contacts.shape[0]):
+        c = contacts[i]
+        change += abs(c.d_forward) + abs(c.d_backward) + abs(c.d_load)
+        size += c.forward + c.backward + abs(c.load)
+    for j in range(springs.shape[0]):
+        change += springs[j].stiffness * abs(springs[j].d_length)
+        size += abs(springs[j].tension)
+    over = not ramp.falling and (ramp.end - ramp.s) * change <= CRITICAL * size
+    if over:
+        ramp.s = ramp.end
+    return over
+
+
+@lean
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
     ramp.undetermined = ramp.loose = 0
@@ -340,8 +361,9 @@ def follow_events(contacts, springs, model, ramp):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
         if ramp.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
+            over = _is_over(contacts, springs, ramp)
             _give_up(contacts, springs, model, ramp, count)
-            return UNSOLVED
+            return DONE if over else UNSOLVED
         if ramp.due > 0:
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue

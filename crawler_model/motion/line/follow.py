@@ -301,7 +301,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
 
     Returns:
-        0, or the direction in which nothing holds the body on the ground that it has come to, 1 or -1.
+        0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped.
     """
     ground, curves = _build_terrain(memory[5]), _build_curves(memory[7])
     model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], ground, memory[6], curves)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,6 +163,11 @@ class LineMotion:
         """Names of the methods."""
         return ("exact", "catch_up") if self.track is None else ("exact",)
 
+    @functools.cached_property
+    def _may_run_away(self) -> bool:
+        """Whether springs can be flat, so that a part of the body may have nothing that holds it."""
+        return any(bend.is_flat_somewhere for bend in self.body.bends)
+
     @property
     def samples_margin(self) -> bool:
         """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
@@ -204,7 +210,13 @@ class LineMotion:
             return self._follow_on_ground(state, scratch, targets, account, records)
         if pieces is not NO_PIECES:
             memory = (*memory[:4], pieces, None, None, memory[7])
-        follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
+        kept = (state.copy(), account.copy()) if self._may_run_away else None
+        runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
+        if kept and runaway:
+            message = self._describe_runaway(state, scratch, int(runaway))
+            state.restore(kept[0])
+            account[:] = kept[1]
+            raise CommandError(message)
         return ()
 
     def follow_many(
@@ -257,7 +269,7 @@ class LineMotion:
                 memory = (*parts[:5], (state.feet, jumps, *self.track.stretches[:4]), None, parts[7])
                 runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
                 if runaway:
-                    raise CommandError(self._describe_runaway(state, int(runaway)))
+                    raise CommandError(self._describe_runaway(state, scratch, int(runaway)))
                 count = int(ramps["jumps"][0])
                 if count <= room:
                     rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
@@ -270,14 +282,19 @@ class LineMotion:
             account[:] = spent
             raise
 
-    def _describe_runaway(self, state: LineState, direction: int) -> str:
-        """Build the message with the sums that do not fit on the ground where the body would end."""
-        assert self.track is not None
-        assert state.feet is not None
+    def _describe_runaway(self, state: LineState, scratch: Scratch, direction: int) -> str:
+        """Build the message about what nothing holds: a part of the body, or all of it on the ground it reaches."""
+        side = "forward" if direction > 0 else "backward"
+        loose = abs(int(scratch[0]["loose"][0]))
+        if (loose and self.body.bends) or self.track is None or state.feet is None:
+            name = self.body.name_of(max(loose - 1, 0))
+            return (
+                f"loads: no link that is taut holds {name} when it is pulled {side}, and friction there is less than "
+                "the loads: no equilibrium, it would run away"
+            )
         commanded = np.concatenate([state.feet[name] for name in ("forward", "backward", "load")])
         forward, backward, load = self.track.bounds(commanded, state.feet["place"])
         total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
-        side = "forward" if direction > 0 else "backward"
         return (
             f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
             f"but friction against sliding {side} to {bound + direction * total:g} N: no equilibrium, the body would "

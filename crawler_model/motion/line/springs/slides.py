@@ -19,6 +19,8 @@ from .parts import begin_parts, find_part, member, side_of
 
 _MOST = 1000
 """Slides in one ramp before it is completed by an implicit step."""
+_TINY = 1e-290
+"""A way that leads beyond a knot at 0 where all lengths are 0 [m]."""
 
 
 @lean
@@ -71,7 +73,7 @@ def _find_knot(springs, block, curves, ramp, direction):
             if curves.pieces[bend.actuator].slope + curves.pieces[bend.passive].slope > 0.0:
                 way = 0.0  # rounding has led it beyond the knot
             way = max(way, 0.0)
-            distance = min(distance, way + 4.0 * EPS * (abs(z) + ramp.span + way))
+            distance = min(distance, way + 4.0 * EPS * (abs(z) + ramp.span + way) + _TINY)
     return distance
 
 
@@ -138,7 +140,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
         model: a `Model`.
         ground: its `Terrain`, or None.
         curves: its `Curves`, or None.
-        ramp: the RAMP; `loose` may be one of the contacts. `runaway` is set if no border is on the way.
+        ramp: the RAMP; `loose` may be one of the contacts. `runaway` is set if no knot and no border is on the way.
 
     Returns:
         Whether they have moved.
@@ -157,6 +159,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
         if not _slide_on_ground(contacts, model, ground, ramp, direction, (first, last), knot):
             return False
     elif knot == np.inf:
+        ramp.runaway = direction
         return False
     else:
         for r in range(first, last):
