@@ -42,6 +42,11 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         plus, minus, load = ground.track.bounds(drive.targets[0, body.springs :], place)
     holding = compute_holding(body, ground, run.tension[0], plus + load, minus - load, load)
     _print_tow(scene, holding, screen)
+    if any(bend.is_limited for bend in body.bends):
+        screen.print(
+            "these are limits of friction, as are the slopes: where a link is slack or at the limit of its tension, less "
+            "is held"
+        )
     if not ground.has_one_slope:
         screen.print(
             "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of their own"

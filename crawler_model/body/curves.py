@@ -219,6 +219,11 @@ class Bend:
         return bool(self.actuator.slopes.min() + self.passive.slopes.min() == 0.0)
 
     @property
+    def is_limited(self) -> bool:
+        """Whether the tension of both together has a least or a largest value."""
+        return 0.0 in (self.actuator.first + self.passive.first, self.actuator.last + self.passive.last)
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Least and largest tension that the actuator reaches; infinite without a limit [N]."""
         curve = self.actuator

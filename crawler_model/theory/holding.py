@@ -1,7 +1,8 @@
 """The limits of a body at rest: the steepest slope and the largest tow before it runs away.
 
 A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs
-transmit to other contacts what one contact cannot hold. Below this limit single contacts give way, each as soon as its
+transmit to other contacts what one contact cannot hold. (Springs whose tension is limited may transmit less: then the
+limits of the whole body are upper bounds.) Below this limit single contacts give way, each as soon as its
 load and the force of its springs together exceed its friction.
 """
 

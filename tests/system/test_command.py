@@ -253,6 +253,7 @@ drive: {times: [0.0, 0.5, 1.0], period: 1.0, actuation: [[0.0], [0.2], [0.0]]}
 CLIMB = "steepest slope at which a period still gains: "
 TOW = "largest tow on contact 1 at which a period still gains: "
 FRONT = {"from": 0.1, "to": 0.9, "friction": 0.5}
+TENDON_BODY = {"contacts": [0.0, 1.0], "links": {"stiffness": 10.0, "tension": {"least": 0.0}}}
 LIMITS = [
     (
         "slope_climber",
@@ -271,6 +272,7 @@ LIMITS = [
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
     ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
     ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
+    ("two_contacts_anisotropic", {"body": TENDON_BODY}, "these are limits of friction, as are the slopes: where a link"),
     ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
     (
         "slope_climber",
