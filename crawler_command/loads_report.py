@@ -44,8 +44,8 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     _print_tow(scene, holding, screen)
     if any(bend.is_limited for bend in body.bends):
         screen.print(
-            "these are limits of friction, as are the slopes: where a link is slack or at the limit of its tension, less "
-            "is held"
+            "these are limits of friction, as are the slopes: where a link is slack or at the limit of its tension, "
+            "less is held"
         )
     if not ground.has_one_slope:
         screen.print(

@@ -447,3 +447,22 @@ def test_a_load_tightens_a_tendon_from_the_bend_of_its_curve(load, place):
     run = simulate(pulled(TENDON, [0.0, load]), rate=1.0)
     assert run.displacement[-1][1] == pytest.approx(place, abs=1e-15)
     assert run.unsolved == 0
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 100.0])
+def test_a_translation_that_tightens_a_slack_tendon_is_one_of_several(rate):
+    """The first two contacts are joined by a tendon that would tighten before the ramp ends, whatever is chosen."""
+    scene = scene_of(
+        {
+            "name": "several",
+            "body": {"contacts": [0.0, 1.0, 2.0], "links": [TENDON | {"stiffness": 4.0}, {"stiffness": 4.0}]},
+            "friction": {"isotropic": [1.0, 0.5, 0.5]},
+            "drive": {"times": [0, 1, 2], "actuation": [[0, 0], [1.5, 0], [-0.25, -1]]},
+        }
+    )
+    assert not simulate(scene, rate=rate).unique
+    crawler = Crawler(scene)
+    crawler.follow(scene.drive.targets[1:2])
+    low, high = crawler.follow(scene.drive.targets[2:]).translation_interval
+    net = simulate(scene, rate=rate).net_translation
+    assert low - 1e-12 <= net[-1] - net[0] <= high + 1e-12

@@ -272,7 +272,11 @@ LIMITS = [
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
     ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
     ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
-    ("two_contacts_anisotropic", {"body": TENDON_BODY}, "these are limits of friction, as are the slopes: where a link"),
+    (
+        "two_contacts_anisotropic",
+        {"body": TENDON_BODY},
+        "these are limits of friction, as are the slopes: where a link",
+    ),
     ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
     (
         "slope_climber",

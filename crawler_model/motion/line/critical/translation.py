@@ -182,6 +182,7 @@ def shift(contacts, springs, model, curves, ramp, s, until):
     if not ramp.stepping:
         low, high = _limit(contacts, springs, block, curves, ramp, 0.0)
         least, most = min(max(least, low), most), max(min(most, high), least)
+    slowest, fastest = least, most  # what is admissible for a while; what is chosen lasts until the stretch ends
     if until > s:
         low, high = _limit(contacts, springs, block, curves, ramp, until - s)
         least, most = min(max(least, low), most), max(min(most, high), least)
@@ -189,7 +190,7 @@ def shift(contacts, springs, model, curves, ramp, s, until):
     center = 0.5 * (least + most)
     several = least < most and abs(center) < np.inf
     if several and _is_held_inside(contacts, springs, block, curves, ramp, middle, center):
-        chosen = least = most = center
+        chosen = slowest = fastest = center
     most_v = 0.0
     for r in range(first, last):
         c = contacts[member(block, curves, r)]
@@ -199,10 +200,10 @@ def shift(contacts, springs, model, curves, ramp, s, until):
         elif c.at == 0 and not ramp.stepping:
             _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
-    if most - least > CRITICAL * most_v and most > least:
+    if fastest - slowest > CRITICAL * most_v and fastest > slowest:
         part = weight if curves is not None else 1.0
-        ramp.slower += part * (least - chosen)
-        ramp.faster += part * (most - chosen)
+        ramp.slower += part * (slowest - chosen)
+        ramp.faster += part * (fastest - chosen)
 
 
 @lean
