@@ -197,7 +197,7 @@ def shift(contacts, springs, model, curves, ramp, s, until):
         c.v += chosen
         if abs(c.v) <= NOISE * size:
             c.v = 0.0
-        elif c.at == 0 and not ramp.stepping:
+        elif not ramp.stepping and not c.at & (FORWARD if c.v > 0.0 else BACKWARD):
             _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
     if fastest - slowest > CRITICAL * most_v and fastest > slowest:
