@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, simulate
+from crawler_model import Crawler, Scene, simulate
 
 CASES = json.loads(Path(__file__).with_name("features_that_meet.json").read_text())
 
@@ -33,3 +33,15 @@ def test_runs_agree_with_rational_numbers_at_every_rate(case: dict[str, Any], ra
     assert run.energy.relative_residual < 1e-12
     assert run.unsolved == 0
     assert run.unique == case["unique"]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["scene"]["name"])
+def test_a_copy_goes_on_to_the_bit(case: dict[str, Any]) -> None:
+    """Also where a spring is at a knot: the ramp before has left the other piece in the memory of the crawler."""
+    scene = Scene.model_validate(case["scene"])
+    crawler = Crawler(scene)
+    for target in scene.drive.targets[1:]:
+        fork = crawler.copy()
+        fork.follow(target[None])
+        crawler.follow(target[None])
+        assert fork == crawler

@@ -162,8 +162,8 @@ def test_ground_that_holds_nothing_is_refused_when_it_is_reached_and_changes_not
     with pytest.raises(CommandError) as refused:
         go(crawler, 0.7)
     assert str(refused.value) == (
-        "ground.patches: on the ground that the contacts reach, the loads sum to 5.90885 N forward, but friction "
-        "against sliding forward to 0.8 N: no equilibrium, the body would run away"
+        "ground.patches: on the ground that the contacts reach, the loads sum to 5.90885 N forward, and friction "
+        "against sliding forward to no more than 0.8 N: no equilibrium, the body would run away"
     )
     assert crawler == before
     go(crawler, 0.6)

@@ -297,6 +297,6 @@ class LineMotion:
         total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
         return (
             f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
-            f"but friction against sliding {side} to {bound + direction * total:g} N: no equilibrium, the body would "
-            "run away"
+            f"and friction against sliding {side} to no more than {bound + direction * total:g} N: no equilibrium, the "
+            "body would run away"
         )

@@ -150,7 +150,8 @@ def begin_bend(spring, curves):
         return
     bend = curves.bends[spring.bend]
     bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
-    find_pieces(bend, curves.pieces, spring.elongation - spring.length, spring.elongation, -bend.command)
+    direction = -bend.command if bend.command != 0.0 else 1.0  # not as the memory of another ramp has it
+    find_pieces(bend, curves.pieces, spring.elongation - spring.length, spring.elongation, direction)
     set_stiffness(spring, bend, curves.pieces)
 
 
