@@ -62,6 +62,8 @@ class Derivatives:
         position: of the reference positions in the plane, shape (N, 2, P); empty on a line.
         rest: of the rest lengths and angles in the plane, as in a `Frame`, shape (K, P); empty on a line.
         offset: of the angles of the axes of friction in the plane, shape (N, P); empty on a line.
+        jumps: whether an array jumps as the parameter changes, so that its derivative is that of one side, bool, shape
+            (P,); empty if none does.
     """
 
     names: tuple[str, ...]
@@ -75,6 +77,7 @@ class Derivatives:
     position: np.ndarray = field(default_factory=_nothing)
     rest: np.ndarray = field(default_factory=_nothing)
     offset: np.ndarray = field(default_factory=_nothing)
+    jumps: np.ndarray = field(default_factory=_nothing)
 
 
 def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ...]:
@@ -169,9 +172,10 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
     if not shares_mesh(everything):
         together = [name for name in together if shares_mesh(vary(scene, {name: [0.0]}))]
     found = _differentiate_together(scene, origin, {name: changing[name] for name in together})
-    for name in names:
+    jumps = np.zeros(len(names), dtype=bool)
+    for p, name in enumerate(names):
         if name not in found:
-            found[name] = _differentiate_alone(scene, name, origin[name], changing[name], caller)
+            found[name], jumps[p] = _differentiate_alone(scene, name, origin[name], changing[name], caller)
     stacked = np.stack([found[name] for name in names], axis=-1)
     shapes = [np.shape(array) for array in _arrays(scene)]
     parts: list[np.ndarray] = []
@@ -182,7 +186,8 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         first += size
     values = np.array(list(origin.values()))
     stiffness, pieces, targets, start, times, period, position, rest, offset = parts
-    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], position, rest, offset)
+    shapes_of_plane = position, rest, offset
+    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], *shapes_of_plane, jumps)
 
 
 def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) -> Derivatives:
@@ -231,10 +236,12 @@ def _differentiate_together(
     return found
 
 
-def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[str, ...], caller: str) -> np.ndarray:
+def _differentiate_alone(
+    scene: Scene, name: str, value: float, changing: tuple[str, ...], caller: str
+) -> tuple[np.ndarray, bool]:
     """Compute the derivative of all arrays, one after another, from scenes that are assembled one by one.
 
-    Each number has the longest step that agrees with the next one; a derivative that is zero may agree with none.
+    Where a number jumps, the side on which it does not counts; whether one does is the second result.
     """
     base = _flat(scene)
 
@@ -248,28 +255,48 @@ def _differentiate_alone(scene: Scene, name: str, value: float, changing: tuple[
         return arrays
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
-    error: SceneError | None = None
-    derivative, known, jumps = np.zeros(base.size), np.zeros(base.size, dtype=bool), False
-    tried = False
-    for _ in range(_TRIES):
-        for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
-            try:
-                found = _difference(at, base, places, side * step)
-                finer = _difference(at, base, places, side * step / _FINER)
-                derivative, tried = np.where(known, derivative, finer), True
-                known |= _agree(found, finer, base, step / _FINER)
-                if known.all():
-                    return derivative
-                jumps = bool((np.abs(finer) > _GROWS * np.abs(found))[~known].any())
-                break  # a start at rest has kinks where knots are met
-            except SceneError as refused:
-                error = error or refused
-        step /= _FINER
-    if jumps:
-        raise SceneError(f"{caller}: {name}: the scene jumps where it is {value:g}; it has no derivative there")
-    if tried:
-        return derivative
+    jumps = False
+    error = SceneError(f"the scene jumps on both sides of {value:g}")
+    for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
+        try:
+            derivative, grows = _refine(at, base, places, side * step)
+        except SceneError as refused:
+            error = refused
+            continue
+        if not grows:
+            return derivative, jumps
+        jumps = True
     raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
+
+
+def _refine(
+    at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float
+) -> tuple[np.ndarray, bool]:
+    """Compute the derivative at 0 with steps that shrink, until differences of two steps agree.
+
+    Each number has the longest step that agrees with the next one: a start at rest has kinks where knots are met, and a
+    derivative that is zero may agree with none. The second result is whether differences grow as the steps shrink.
+    """
+    derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
+    error: SceneError | None = None
+    valid = grows = False
+    for _ in range(_TRIES):
+        try:
+            found, finer = (_difference(at, base, places, length) for length in (step, step / _FINER))
+        except SceneError as refused:
+            error = error or refused
+        else:
+            valid = True
+            derivative = np.where(known, derivative, finer)
+            known |= _agree(found, finer, base, abs(step) / _FINER)
+            least = np.maximum(_GROWS * np.abs(found), _AGREE * np.abs(base).max(initial=0.0) / abs(step))
+            grows = bool((np.abs(finer) > least)[~known].any())
+            if known.all():
+                break
+        step /= _FINER
+    if error is not None and not valid:
+        raise error
+    return derivative, grows
 
 
 def _agree(derivative: np.ndarray, finer: np.ndarray, base: np.ndarray, step: float) -> np.ndarray:

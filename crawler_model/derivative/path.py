@@ -144,6 +144,7 @@ class TangentPath:
         self._scratch = self._motion.scratch()
         columns = len(derivatives.names)
         self._system = _build_system(body, columns)
+        self._system.parameters["one_sided"][: derivatives.jumps.size] = derivatives.jumps
         self._course = (np.array(drive.targets, order="C"), np.ascontiguousarray(derivatives.targets))
         dx, shape = derivatives.start.copy(), derivatives.stiffness.shape
         memory = np.empty(dx.shape), np.empty(dx.shape)

@@ -110,6 +110,7 @@ class PlanePath:
         self._d_command = self._motion.expand(derivatives.targets[:1])[0]
         columns = len(derivatives.names)
         self.one_sided = np.zeros(columns, np.bool_)
+        self.one_sided[: derivatives.jumps.size] = derivatives.jumps
         self.kinks: list[tuple[int, float, int]] = []
         self._rests = _RESTS * tolerance
         self._zero = _AT_BOUND * tolerance * motion.frame.grip

@@ -467,3 +467,26 @@ def test_a_translation_that_tightens_a_slack_tendon_is_one_of_several(rate):
     low, high = crawler.follow(scene.drive.targets[2:]).translation_interval
     net = simulate(scene, rate=rate).net_translation
     assert low - 1e-12 <= net[-1] - net[0] <= high + 1e-12
+
+
+def test_a_contact_without_friction_in_the_slack_of_stops_is_free() -> None:
+    """The friction of the first contact vanishes as it is at the end of its slack, 0.5 m wide."""
+    stops = {"passive": {"stops": {"shortest": -0.25, "longest": 0.25, "stiffness": 16.0}}}
+    friction = [[0.5, 0.25, 1.0], [0.5, 0.25, 1.0], [0.0, 0.25, 1.0], [0.0, 0.3, 1.0]]
+    scene = scene_of(
+        {
+            "name": "free",
+            "body": {"contacts": [0.0, 1.0, 2.0], "links": [stops, {"stiffness": 3.0}]},
+            "friction": {"isotropic": [0.5, 0.25, 1.0]},
+            "drive": {
+                "times": [0, 1, 2, 3],
+                "actuation": [[0, 0], [0, 2], [0, 3], [0, 3]],
+                "friction": {"isotropic": friction},
+            },
+        }
+    )
+    crawler = Crawler(scene)
+    assert crawler.follow(scene.drive.targets[1:3]).unique
+    step = crawler.follow(scene.drive.targets[3:])
+    assert not step.unique
+    assert step.translation_interval == pytest.approx((-0.5 / 3.0, 0.0), abs=1e-12)

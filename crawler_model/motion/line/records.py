@@ -231,6 +231,8 @@ RUN = np.dtype(
 )
 """A run of contacts of a long chain."""
 
+SEVERAL = 2
+"""What `shifted` of a RAMP is where several translations are admissible."""
 RAMP = np.dtype(
     [
         ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
@@ -239,7 +241,7 @@ RAMP = np.dtype(
         ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
         ("begun", _BYTE),  # whether the tournament holds the events
-        ("shifted", _BYTE),  # whether the present stretch has a chosen translation
+        ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
         ("effort", _INT),  # contacts solved so far, counted in every round
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step

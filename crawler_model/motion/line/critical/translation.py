@@ -13,7 +13,7 @@ from ...margin import FEW_CONTACTS
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
-from ..records import BACKWARD, FORWARD, KNOT
+from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..runs import wake_all
 from ..springs.bends import find_lengths
 from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part, side_of
@@ -200,10 +200,11 @@ def shift(contacts, springs, model, curves, ramp, s, until):
         elif not ramp.stepping and not c.at & (FORWARD if c.v > 0.0 else BACKWARD):
             _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
-    if fastest - slowest > CRITICAL * most_v and fastest > slowest:
-        part = weight if curves is not None else 1.0
-        ramp.slower += part * (slowest - chosen)
-        ramp.faster += part * (fastest - chosen)
+    if fastest > slowest and fastest - slowest > CRITICAL * most_v:
+        ramp.shifted = SEVERAL
+        part = weight if curves is not None else 1.0  # a part that is free goes no further than flat springs allow
+        ramp.slower += part * ((least if slowest == -np.inf else slowest) - chosen)
+        ramp.faster += part * ((most if fastest == np.inf else fastest) - chosen)
 
 
 @lean
@@ -216,7 +217,7 @@ def note_interval(ramp, s, until):
         until: where it ends.
     """
     lasts = (until - s) * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
-    if lasts and ramp.faster > ramp.slower:
+    if lasts and ramp.shifted == SEVERAL:
         ramp.ambiguous = 1.0
         ramp.gain_least += ramp.slower * (until - s)
         ramp.gain_most += ramp.faster * (until - s)

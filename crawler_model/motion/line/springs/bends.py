@@ -51,6 +51,16 @@ def _find_piece(pieces, p, length, direction):
 
 
 @inlined
+def _find_softer(pieces, p, length):
+    """Find the softer one of two pieces that meet at a length, whichever of them p is; p itself elsewhere."""
+    if length == pieces[p].begin and pieces[p - 1].slope < pieces[p].slope:
+        return p - 1
+    if length == pieces[p].end and pieces[p + 1].slope < pieces[p].slope:
+        return p + 1
+    return p
+
+
+@inlined
 def find_pieces(bend, pieces, u, z, direction):
     """Find the present pieces of both curves of a bent spring.
 
@@ -150,8 +160,11 @@ def begin_bend(spring, curves):
         return
     bend = curves.bends[spring.bend]
     bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
-    direction = -bend.command if bend.command != 0.0 else 1.0  # not as the memory of another ramp has it
-    find_pieces(bend, curves.pieces, spring.elongation - spring.length, spring.elongation, direction)
+    u, z = spring.elongation - spring.length, spring.elongation
+    find_pieces(bend, curves.pieces, u, z, -bend.command)
+    if bend.command == 0.0:
+        bend.actuator = _find_softer(curves.pieces, bend.actuator, u)
+        bend.passive = _find_softer(curves.pieces, bend.passive, z)
     set_stiffness(spring, bend, curves.pieces)
 
 
