@@ -35,7 +35,7 @@ class Diagnosed(Protocol):
 
     counts: Counts
     reported: tuple[int, int, int, int, int]
-    reported_commands: tuple[int, int, int, int]
+    reported_commands: tuple[int, int, int, int, int]
     certificates: Certificates
     commands: CommandQueue
     crawler: Crawler
@@ -93,13 +93,12 @@ def diagnose(node: Diagnosed) -> list[Status]:
 
 
 def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
-    """Count jumps and refused ticks where the ground changes with place."""
-    if node.scene.ground.track is None:
-        return []
-    counts = {
-        "jumps on patches of ground": node.counts.jumps,
-        "ticks refused because nothing would hold the body": node.counts.unheld,
-    }
+    """Count jumps where the ground changes with place, and refused ticks there or where springs go slack."""
+    patched, counts = node.scene.ground.track is not None, {}
+    if patched:
+        counts["jumps on patches of ground"] = node.counts.jumps
+    if patched or any(bend.is_flat_somewhere for bend in node.scene.body.bends):
+        counts["ticks refused because nothing would hold the body"] = node.counts.unheld
     return [(key, str(count)) for key, count in counts.items()]
 
 
@@ -209,7 +208,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
 
 def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
-    now = refused, intake.lost, node.commands.full, node.commands.unheld
+    now = refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld
     before, node.reported_commands = node.reported_commands, now
     level, message = OK, "all accepted"
     if refused:
@@ -225,6 +224,8 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         unheld = "the frictions of a point do not fit together"
     if node.commands.unheld > before[3]:
         message = f"{node.commands.unheld - before[3]} row(s) dropped: {unheld}; {message}"
+    if node.counts.unheld > before[4]:
+        message = f"the commands of {node.counts.unheld - before[4]} tick(s) refused; {message}"
     if rival or any(a > b for a, b in zip(now, before, strict=True)):
         level = WARN
     counts = intake.refusals.counts

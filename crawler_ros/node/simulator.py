@@ -77,7 +77,7 @@ class Simulator(QuietNode):
         self.certificates = certificates_of(self.scene, self.crawler.method)
         self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
         self.reported = (0, 0, 0, 0, 0)
-        self.reported_commands = (0, 0, 0, 0)
+        self.reported_commands = (0, 0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()

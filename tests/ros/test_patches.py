@@ -28,6 +28,12 @@ ground:
     - {from: 2.2, to: 2.5, forward: 0.25, backward: 2.0}
     - {from: 2.5, to: 9.0, slope: -4.0}
 """
+SLACK = """
+name: slack
+body: {contacts: [0.0, 0.5], links: {stiffness: 2.0, tension: {least: 0.0}}}
+friction: {isotropic: [1.0, 0.25]}
+loads: 0.0
+"""
 CLIFF = """
 name: cliff
 body: {contacts: [0.0, 1.0], links: {stiffness: 1.0}, weights: 3.0}
@@ -81,6 +87,29 @@ def test_a_run_with_jumps_is_simulated_again_to_the_bit(ros, tmp_path):
     assert found.energy.jump_loss == pytest.approx(sum(jump.loss for jump in jumps), abs=1e-12)
     assert found.energy.jump_loss > 1e-3
     assert found.energy.residual < 1e-12
+
+
+def test_a_load_that_nothing_holds_behind_a_slack_tendon_is_refused_and_counted(ros, tmp_path):
+    scene = write(tmp_path, SLACK)
+    simulator = ros.simulator(
+        f"scene:={scene}",
+        "lock_step:=true",
+        f"record:={tmp_path / 'bags'}",
+        hear=("joint_states", "applied_commands", "/diagnostics"),
+    )
+    for k, load in enumerate((0.125, -0.5, 0.5), 1):
+        ros.publish("joint_trajectory", trajectory(["contact_1/load"], (0.0, [load])))
+        wait_until(lambda n=k: len(ros.heard["applied_commands"]) == n, what=f"tick {k}")
+    wait_until(lambda: ticks(ros)[-1] == 3, what="the last state")
+    assert [len(message.points) for message in ros.heard["applied_commands"]] == [1, 0, 1]
+    assert ros.heard["joint_states"][-1].position[1] == pytest.approx(0.125, abs=1e-15)
+    wait_until(lambda: value(ros, "simulation", REFUSED) == "1")
+    assert simulator.end() == 0
+    assert "no link that is taut holds contact 1" in simulator.said
+    (path,) = (tmp_path / "bags").iterdir()
+    found = analyse(path)
+    assert found.comparison.identical
+    assert found.incidents.held == 1
 
 
 def test_a_cliff_stops_the_body_before_it_and_the_node_goes_on(ros, tmp_path):
