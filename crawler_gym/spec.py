@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import CrawlerError, Scene
+from crawler_model.derivative.parameters import with_loads
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
@@ -161,7 +162,7 @@ def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
         return scene
     if scene.dimension == 2:
         raise CrawlerError("options: slope and loads: the scene in the plane has no loads; add `loads: 0` to it")
-    return Scene.model_validate(scene.document() | {"loads": 0.0})
+    return with_loads(scene, ("loads",))
 
 
 def _check_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:

@@ -307,6 +307,17 @@ def test_knots_at_the_same_distance_from_zero_have_derivatives(knot: int) -> Non
     compare_with_steps(scene, [f"body.links[0].curve.{what}[{knot}]" for what in ("elongation", "tension")], 3.0)
 
 
+def test_a_relaxed_start_that_jumps_has_the_derivative_of_one_side() -> None:
+    """A spring that may push rests at z = L, a tendon at z = 0, where it is slack; so it does if it must always pull."""
+    document = pull([0.0, 1.0, 2.0], [[0.5], [-2.0], [0.0]])
+    document["body"] = {"contacts": [0.0, 1.0], "links": [{"stiffness": 1.0, "tension": {"least": 0.0}}]}
+    document["start"] = "relaxed"
+    found = sensitivities(Scene.model_validate(document), ["body.links[0].tension.least", "friction.forward"], 2.0, 4.0)
+    assert found.one_sided[[0, 2]].tolist() == [True, False]
+    assert not found.displacement[0].any()
+    assert np.isfinite(found.displacement).all()
+
+
 # -- bad input ------------------------------------------------------------------------------------------------------
 
 
