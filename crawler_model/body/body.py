@@ -128,6 +128,11 @@ class Body:
         return bool((self.ends[:, 0] == np.arange(n - 1)).all() and (self.ends[:, 1] == np.arange(1, n)).all())
 
     @functools.cached_property
+    def has_flat_springs(self) -> bool:
+        """Whether a spring can change its length at constant tension, so that it holds nothing."""
+        return any(bend.is_flat_somewhere for bend in self.bends)
+
+    @functools.cached_property
     def stations(self) -> np.ndarray:
         """Indices of the isolated contacts, then of both ends of each segment."""
         ends = [i for s in self.segments for i in (s.first, s.last)]

@@ -2,8 +2,8 @@
 
 A connected body has an equilibrium under loads f if and only if -sum mu_minus <= sum f <= sum mu_plus: springs
 transmit to other contacts what one contact cannot hold. (Springs whose tension is limited may transmit less: then the
-limits of the whole body are upper bounds.) Below this limit single contacts give way, each as soon as its
-load and the force of its springs together exceed its friction.
+limits of the whole body are upper bounds.) Below this limit single contacts give way, each as soon as its load and the
+force of its springs together exceed its friction.
 """
 
 from __future__ import annotations

@@ -88,7 +88,7 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
         of more than 16 blocks, if a bound of a part of a segment is not positive, in the plane, and if a spring has
         flat pieces, which may leave a part of the body to itself.
     """
-    if body.dimension == 2 or any(bend.is_flat_somewhere for bend in body.bends):
+    if body.dimension == 2 or body.has_flat_springs:
         return None
     for segment in body.segments:
         if min(drive.forward[:, segment.contacts].min(), drive.backward[:, segment.contacts].min()) <= 0.0:

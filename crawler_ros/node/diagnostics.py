@@ -92,12 +92,12 @@ def diagnose(node: Diagnosed) -> list[Status]:
     return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
 
 
-def _on_patches(node: Diagnosed) -> list[tuple[str, str]]:
+def _jumps_and_refusals(node: Diagnosed) -> list[tuple[str, str]]:
     """Count jumps where the ground changes with place, and refused ticks there or where springs go slack."""
     patched, counts = node.scene.ground.track is not None, {}
     if patched:
         counts["jumps on patches of ground"] = node.counts.jumps
-    if patched or any(bend.is_flat_somewhere for bend in node.scene.body.bends):
+    if patched or node.scene.body.has_flat_springs:
         counts["ticks refused because nothing would hold the body"] = node.counts.unheld
     return [(key, str(count)) for key, count in counts.items()]
 
@@ -197,7 +197,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             ("ticks over the budget of work", str(counts.overspent)),
             ("ticks not solved", str(counts.unsolved)),
             *_orientation(node),
-            *_on_patches(node),
+            *_jumps_and_refusals(node),
             *_stability(node),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),

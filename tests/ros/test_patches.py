@@ -56,6 +56,13 @@ def write(tmp_path, text):
     return path
 
 
+def start_in_lock_step(ros, tmp_path, text):
+    """Start a simulator that records, and hear what it did in each tick."""
+    scene = write(tmp_path, text)
+    heard = ("joint_states", "applied_commands", "/diagnostics")
+    return scene, ros.simulator(f"scene:={scene}", "lock_step:=true", f"record:={tmp_path / 'bags'}", hear=heard)
+
+
 def test_a_run_with_jumps_is_simulated_again_to_the_bit(ros, tmp_path):
     """Commands of two points, as a tick is followed in one call and its ramps one by one."""
     scene = write(tmp_path, SCENE)
@@ -90,13 +97,7 @@ def test_a_run_with_jumps_is_simulated_again_to_the_bit(ros, tmp_path):
 
 
 def test_a_load_that_nothing_holds_behind_a_slack_tendon_is_refused_and_counted(ros, tmp_path):
-    scene = write(tmp_path, SLACK)
-    simulator = ros.simulator(
-        f"scene:={scene}",
-        "lock_step:=true",
-        f"record:={tmp_path / 'bags'}",
-        hear=("joint_states", "applied_commands", "/diagnostics"),
-    )
+    _, simulator = start_in_lock_step(ros, tmp_path, SLACK)
     for k, load in enumerate((0.125, -0.5, 0.5), 1):
         ros.publish("joint_trajectory", trajectory(["contact_1/load"], (0.0, [load])))
         wait_until(lambda n=k: len(ros.heard["applied_commands"]) == n, what=f"tick {k}")
@@ -113,13 +114,7 @@ def test_a_load_that_nothing_holds_behind_a_slack_tendon_is_refused_and_counted(
 
 
 def test_a_cliff_stops_the_body_before_it_and_the_node_goes_on(ros, tmp_path):
-    scene = write(tmp_path, CLIFF)
-    simulator = ros.simulator(
-        f"scene:={scene}",
-        "lock_step:=true",
-        f"record:={tmp_path / 'bags'}",
-        hear=("joint_states", "applied_commands", "/diagnostics"),
-    )
+    scene, simulator = start_in_lock_step(ros, tmp_path, CLIFF)
     for k, length in enumerate((0.6, 0.7, 0.7, 0.6, 0.5), 1):
         ros.publish(LENGTHS, Float64MultiArray(data=[length]))
         wait_until(lambda n=k: len(ros.heard["applied_commands"]) == n, what=f"tick {k}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,11 +162,6 @@ class LineMotion:
         """Names of the methods."""
         return ("exact", "catch_up") if self.track is None else ("exact",)
 
-    @functools.cached_property
-    def _may_run_away(self) -> bool:
-        """Whether springs can be flat, so that a part of the body may have nothing that holds it."""
-        return any(bend.is_flat_somewhere for bend in self.body.bends)
-
     @property
     def samples_margin(self) -> bool:
         """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
@@ -210,7 +204,7 @@ class LineMotion:
             return self._follow_on_ground(state, scratch, targets, account, records)
         if pieces is not NO_PIECES:
             memory = (*memory[:4], pieces, None, None, memory[7])
-        kept = (state.copy(), account.copy()) if self._may_run_away else None
+        kept = (state.copy(), account.copy()) if self.body.has_flat_springs else None
         runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
         if kept and runaway:
             message = self._describe_runaway(state, scratch, int(runaway))
