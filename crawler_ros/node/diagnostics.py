@@ -236,6 +236,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
             ("refused", str(refused)),
             ("refused because the queue was full", str(node.commands.full)),
             (f"dropped because {unheld}", str(node.commands.unheld)),
+            ("ticks refused", str(node.counts.unheld)),
             ("lost", str(intake.lost)),
             ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),

@@ -37,7 +37,21 @@ _MOST_AHEAD_NS = 30 * NS
 _WAKE_EVERY_S = 10.0  # discovery takes less: a simulator silent for longer is in lock-step, in the middle of a run
 _PATIENCE_S = 30.0
 _STILL_S = 0.3  # simulated time that has not advanced for as long waits for a command, as in lock-step
-_GONE_S = 3.0  # a simulator that restarts is absent for less
+_GONE_S = 3.0  # a simulator that restarts is absent for less; it sends diagnostics more often
+
+
+def count_refusals(status: Any, topic: str) -> int:
+    """Count what a simulator has refused of the commands of a topic: messages, rows, and whole ticks.
+
+    Args:
+        status: the part of its diagnostics about commands.
+        topic: name of the topic.
+
+    Returns:
+        The number since the simulator started.
+    """
+    kinds = (f"refused on {topic}", "ticks refused")
+    return sum(int(v.value) for v in status.values if v.key in kinds or v.key.startswith("dropped because "))
 
 
 def list_commands(drive: Drive) -> tuple[list[str], list[np.ndarray]]:
@@ -96,7 +110,7 @@ class GaitPlayer(QuietNode):
         self.create_subscription(message_class(states.type), states.name, self._on_state, qos_profile(states), raw=True)
         health = read_topics()["/diagnostics"]
         self.create_subscription(message_class(health.type), health.name, self._on_diagnostics, qos_profile(health))
-        self._refused: int | None = None  # commands refused according to the simulator's last diagnostics
+        self._refused: int | None = None  # by the simulator, according to its last diagnostics
         self._diagnostics = open_publisher(self, read_topics()["/diagnostics"])
         self._rivals = ""
         self._second = SecondSimulator(self, states.name)
@@ -108,6 +122,8 @@ class GaitPlayer(QuietNode):
         self._sent = 0
         self._reported = 0
         self.end_ns: int | None = None
+        self.ended_s: float | None = None
+        """Wall-clock time at which the drive had been played to its end [s]."""
         self.now_ns = -1
         self.done = StopFlag()
 
@@ -120,7 +136,7 @@ class GaitPlayer(QuietNode):
         if self.problem:
             return
         if now_ns < self.now_ns:  # the simulator was reset: start again
-            self._start_ns, self._sent, self._reported = None, 0, 0
+            self._start_ns, self._sent, self._reported, self.ended_s = None, 0, 0, None
         self.now_ns = now_ns
         if self._publisher.get_subscription_count() == 0:
             return
@@ -141,8 +157,8 @@ class GaitPlayer(QuietNode):
         else:
             self._send_ahead()
             self._report_progress()
-        if self.end_ns is not None and self.now_ns >= self.end_ns:
-            self.done.set()
+        if self.end_ns is not None and self.now_ns >= self.end_ns and self.ended_s is None:
+            self.ended_s = time.monotonic()  # the next diagnostics show whether all of it was followed
 
     def _has_our_body(self, data: bytes) -> bool:
         """Check once that the simulator has the body for which the drive was written."""
@@ -165,12 +181,14 @@ class GaitPlayer(QuietNode):
             node, _, part = status.name.rpartition(": ")
             if part != "commands" or node.rpartition("/")[0] != namespace:
                 continue
-            refused = int({v.key: v.value for v in status.values}.get(f"refused on {topic}", 0))
+            refused = count_refusals(status, topic)
             before, self._refused = self._refused, refused
             news = (
                 status.level != status.OK if before is None else refused > before
             )  # an old refusal may be another player's
             if not (self._sent and refused and news):
+                if self.ended_s is not None:
+                    self.done.set()
                 continue
             if self.count_publishers(self._publisher.topic_name) > 1:  # the refused command may be another player's
                 self.get_logger().warning(f"a command of this player or of another one was refused: {status.message}")
@@ -311,6 +329,8 @@ def _spin(node: GaitPlayer) -> None:
             looked = now
             node.look_for_rivals()
             node.throttle.flush()
+        if node.ended_s is not None and now - node.ended_s > _GONE_S:
+            node.done.set()
         if node.waits_to_send and now - moved > _STILL_S:
             node.send()
         if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:

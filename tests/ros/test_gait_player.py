@@ -16,6 +16,7 @@ from crawler_ros.node.gait_player import list_commands
 from crawler_ros.node.intake.commands import CommandQueue
 
 from .graph import Process, graph, wait_until
+from .test_patches import CLIFF
 
 PLANE = """{name: plane, dimension: 2, body: {contacts: [[0, 0], [1, 0]], links: {stiffness: 1}}, friction: {FRICTION},
  drive: {times: [0, 0.5, 1], period: 1, actuation: [[[0, 0]], [[2, 0]], [[0, 0]]]}}"""
@@ -81,6 +82,17 @@ def test_refused_commands_end_it(ros, tmp_path):
     said = last_words(player(ros, f"scene:={played}", "patience:=0.0"))
     assert "the simulator refuses the commands" in said
     assert "no joint is called 'contact_0/friction'" in said
+
+
+@pytest.mark.parametrize("pace", ["lock_step:=true", "real_time_factor:=1.0"])
+@pytest.mark.parametrize("times", ["[0, 0.1, 0.5], period: 0.5", "[0, 0.5, 0.55]"], ids=["periods", "once"])
+def test_a_tick_that_is_refused_ends_it(ros, tmp_path, pace, times):
+    """The messages are accepted: only the motion shows that the ground beyond the cliff holds nothing."""
+    scene = tmp_path / "cliff.yaml"
+    scene.write_text(f"{CLIFF}drive: {{times: {times}, actuation: [[0.0], [0.7], [0.0]]}}")
+    ros.start("crawler_ros.node.simulator", f"scene:={scene}", pace)
+    said = last_words(player(ros, f"scene:={scene}", "periods:=1", "patience:=0.0"))
+    assert "the simulator refuses the commands: the commands of " in said
 
 
 def test_without_a_simulator_it_ends(ros):
