@@ -270,9 +270,12 @@ def _mapping(message: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise CommandError(f"{name}: {value!r}; it must be a finite number")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, (int, float)) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # an integer beyond all doubles
+        pass
+    raise CommandError(f"{name}: {value!r}; it must be a finite number")
 
 
 def read_speed(value: Any) -> float:

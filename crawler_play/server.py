@@ -193,7 +193,7 @@ class Server:
             message = json.loads(text)
             if not isinstance(message, dict):
                 raise ValueError
-        except ValueError:
+        except (ValueError, RecursionError):
             await client.socket.send_json({"error": "message: it must be a JSON object"})
             return
         if "seen" in message:

@@ -251,7 +251,7 @@ class Session:
             told = json.loads(zlib.decompressobj().decompress(packed, _MOST_BYTES))
             ticks, changes = int(told["ticks"]), list(told["changes"])
             scene, rate = told["scene"], told["rate"]
-        except (binascii.Error, zlib.error, ValueError, KeyError, TypeError):
+        except (binascii.Error, zlib.error, ValueError, KeyError, TypeError, OverflowError, RecursionError):
             raise CommandError("link: it is damaged; copy it completely") from None
         if scene != self._digest():
             raise CommandError(f"link: it belongs to another scene than {self.scene.name}; start that one")
@@ -267,7 +267,7 @@ class Session:
                     self.step()
                 if mode is not None:
                     self._set(mode, hand, wave, slope)
-        except (TypeError, ValueError, IndexError):
+        except (TypeError, ValueError, IndexError, OverflowError):
             raise CommandError("link: it is damaged; copy it completely") from None
         self.changed += 1
 

@@ -189,6 +189,8 @@ def test_a_page_that_does_not_answer_receives_no_more_frames_and_holds_nobody_up
     [
         ("{", "message: it must be a JSON object"),
         ("[1]", "message: it must be a JSON object"),
+        ("[" * 100_000, "message: it must be a JSON object"),
+        ('{"set": {"link_0": 1' + "0" * 400 + "}}", "it must be a finite number"),
         ('{"seek": 5}', "seek: tick 5; it must be between 0 and 0"),
         ('{"seek": 0.5}', "seek: 0.5; it must be the number of a tick"),
         ('{"speed": 0}', "speed: 0; it must be above 0 and at most 100"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +108,8 @@ def test_a_damaged_link_or_one_of_another_scene_is_refused():
     session, code = Session(load_scene("two_anchor_a")), Session(load_scene("two_anchor_b")).encode()
     with pytest.raises(CommandError, match="link: it belongs to another scene than two_anchor_a"):
         session.restore(code)
-    for damaged in (code[:10], "", "%%", "e30"):
+    huge = base64.urlsafe_b64encode(zlib.compress(b'{"ticks": 1e999, "changes": []}')).decode()
+    for damaged in (code[:10], "", "%%", "e30", huge):
         with pytest.raises(CommandError, match="link: it is damaged"):
             session.restore(damaged)
     with pytest.raises(CommandError, match="link: 0 ticks at 100 Hz; this session runs at 50 Hz: use --rate 100"):
