@@ -1,0 +1,85 @@
+"""Kernels count references to arrays correctly, although they do not count their arguments."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numba import config
+
+from crawler_model.compiled import compiled, inner
+
+pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+
+
+@inner
+def same(a):
+    return a
+
+
+@inner
+def part(pair, k):
+    first, second = pair
+    if k > 0:
+        first = second[k:]
+    return first
+
+
+@inner
+def grown(a, times):
+    for _ in range(times):
+        a = np.concatenate((a, a))
+    return a
+
+
+@compiled
+def use(a, b):
+    kept = same(a)
+    other = part((a, b), 1)
+    a = grown(a, 3)
+    return kept, other, a, (a, b)
+
+
+def test_what_is_returned_outlives_what_it_came_from_and_nothing_else_does():
+    a, b = np.arange(3.0), np.arange(5.0)
+    counts = sys.getrefcount(a), sys.getrefcount(b)
+    for _ in range(50):
+        kept, other, longer, pair = use(a, b)
+        np.testing.assert_array_equal(kept, [0.0, 1.0, 2.0])
+        np.testing.assert_array_equal(other, [1.0, 2.0, 3.0, 4.0])
+        np.testing.assert_array_equal(longer, np.tile([0.0, 1.0, 2.0], 8))
+        np.testing.assert_array_equal(pair[0], longer)
+    del kept, other, longer, pair
+    assert (sys.getrefcount(a), sys.getrefcount(b)) == counts
+
+
+MEMORY = """
+from numba.core.runtime import rtsys
+from crawler_model import Crawler, load_scene, sensitivities
+
+def work():
+    for name in ("two_anchor_a", "planar_rectilinear", "steering_inchworm"):
+        scene = load_scene(name)
+        Crawler(scene).follow(scene.drive.targets.copy())
+    for name in ("two_anchor_a", "steering_inchworm"):
+        sensitivities(load_scene(name), ["body.links.stiffness"])
+
+work()
+before = rtsys.get_allocation_stats()
+for _ in range(3):
+    work()
+after = rtsys.get_allocation_stats()
+print(after.alloc - before.alloc, after.free - before.free, after.mi_alloc - before.mi_alloc, after.mi_free - before.mi_free)
+"""
+
+
+def test_all_memory_of_kernels_is_freed():
+    environment = os.environ | {"NUMBA_NRT_STATS": "1"}
+    run = subprocess.run([sys.executable, "-c", MEMORY], env=environment, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    allocated, freed, arrays, freed_arrays = map(int, run.stdout.split())
+    assert arrays > 100
+    assert (allocated, arrays) == (freed, freed_arrays)
