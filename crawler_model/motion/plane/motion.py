@@ -21,7 +21,7 @@ from .friction import measure_margins
 from .jump import jump
 from .ramp import LENGTH, MARGIN, PLACE, follow_ramp, force_step
 
-_SHARE = 0.25
+_SHARE = 0.1
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
 
 DEFAULT_TOLERANCE = 1e-4
@@ -254,8 +254,6 @@ class PlaneMotion:
         jumps: list[Jump] = []
         for v, target in enumerate(self.expand(targets)):
             jumps += self._follow_ramp(moving, scratch, target, v, account)
-            if not self.frame.vector:
-                account[VISITED] = min(account[VISITED], moving.visited_margin(moving.force))
             if records.shape[0]:
                 x = moving.displacement
                 records[v, : 2 * n] = x.ravel()
@@ -293,6 +291,7 @@ class PlaneMotion:
             if not found:
                 raise CommandError(self._explain(state, place))
             progress[PLACE] = landed = 1.0 if part == 1.0 else place + ahead
+            account[VISITED] = min(account[VISITED], state.visited_margin(state.force))
             progress[LENGTH] = ahead
             if distance > self.tolerance or not self.body.turning.jumps:
                 if not self._falls(before, target, part, velocity, distance):

@@ -205,7 +205,7 @@ def _part_of_friction(frame, command, force):
     columns = columns_of(frame)
     first = frame.stiffness.shape[0]
     for k in range(first, first + columns * frame.position.shape[0]):
-        total += 2.0 * command[k] / columns
+        total += (2.0 if frame.vector else 1.0) * command[k] / columns
     return force / total if total > 0.0 else 0.0
 
 
@@ -232,9 +232,8 @@ def _take(frame, state, target, part, best, after, account):
         lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]
         account[COMPLEMENTARITY] = max(account[COMPLEMENTARITY], lost)
-    if frame.vector:
-        account[VISITED] = min(account[VISITED], _part_of_friction(frame, command, near))
-    else:
+    account[VISITED] = min(account[VISITED], _part_of_friction(frame, command, near))
+    if not frame.vector:
         yaw[0] += unwind(yaw_of(frame, x) - before)
     account[WORK] += best[n, 1]
     account[DISSIPATION] += best[n, 0] - best[n + 1, 0]
