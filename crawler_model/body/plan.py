@@ -42,6 +42,11 @@ class Plan(Protocol):
         ...
 
     @property
+    def commanded(self) -> np.ndarray:
+        """Which columns the drive commands, bool, shape (C,); the others hold values of the scene."""
+        ...
+
+    @property
     def angles(self) -> np.ndarray:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         ...

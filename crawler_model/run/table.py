@@ -124,11 +124,8 @@ class TrajectoryColumns:
 
     @functools.cached_property
     def commanded(self) -> np.ndarray:
-        """Indices of the command columns in the table: lengths and strains, and what else the drive changes."""
-        rows = self.scene.drive.rows
-        changes = (rows != rows[0]).any(axis=0)
-        changes[: self.scene.columns.lengths] = True
-        return np.flatnonzero(changes)
+        """Indices of the command columns in the table: lengths and strains, and what else the drive commands."""
+        return np.flatnonzero(self.scene.commanded)
 
     @functools.cached_property
     def _loaded(self) -> bool:

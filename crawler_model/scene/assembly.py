@@ -64,6 +64,15 @@ class Assembly:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
         return np.array(angles_of(self.parts), dtype=np.float64)
 
+    @functools.cached_property
+    def commanded(self) -> np.ndarray:
+        """Which columns the drive commands, bool, shape (C,): all lengths, and friction and loads where it has them."""
+        drive, columns = self.parts.drive, self.columns
+        friction = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
+        loads = drive is not None and drive.loads is not None
+        parts = (columns.lengths, True), (columns.frictions, friction), (columns.loads, loads)
+        return frozen(np.concatenate([np.full(size, given) for size, given in parts]))
+
     def variation(self, at: int) -> Assembly:
         """Select one of several variations that were assembled together.
 

@@ -24,7 +24,7 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
     """Read the runs of a recording: positions from `contact_states`, else `joint_states`, and commands.
 
     A run begins at the start of the recording and wherever the simulator was reset. Columns of friction and loads that
-    never change in a run are values of the scene, not commands.
+    never change in a run are values of the scene, not commands, unless the drive of the scene commands them.
 
     Args:
         path: a bag folder or an .mcap file.
@@ -100,13 +100,15 @@ def _commands(
     until: int,
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """List the names of the commanded columns of a run, their values, and the times of these [s]."""
-    actuators = scene.columns.names[: scene.columns.lengths]
+    known = scene.columns.names
+    actuators = known[: scene.columns.lengths]
+    commands = {name for name, commanded in zip(known, scene.commanded, strict=True) if commanded}
     in_force = next(rows[0] for rows in points if rows).copy()
     for c, name in enumerate(columns):
         if name in actuators:
-            in_force[c] = scene.drive.rows[0, scene.columns.names.index(name)]
+            in_force[c] = scene.drive.rows[0, known.index(name)]
     time, rows = _vertices(begin, points, after, until, in_force)
-    moving = [c for c, name in enumerate(columns) if name in actuators or float(np.ptp(rows[:, c])) > 0.0]
+    moving = [c for c, name in enumerate(columns) if name in commands or float(np.ptp(rows[:, c])) > 0.0]
     return tuple(columns[c] for c in moving), rows[:, moving], time / NS
 
 

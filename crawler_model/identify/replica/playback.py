@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...body.drive import Drive
+from ...body.turning import SIDES
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ..measurements import Measurements
@@ -62,19 +63,30 @@ def playback(scene: Scene, measured: Measurements) -> Scene:
     rows = rows[kept]
     drive: dict[str, Any] = {"times": measured.command_time[kept].tolist()}
     drive["actuation"] = _as_actuation(scene, rows[:, : columns.lengths])
-    commanded = {name.rpartition("/")[2] for name in measured.command_names}
-    if commanded & {"forward", "backward"}:
-        forward, backward = np.split(rows[:, columns.lengths : columns.lengths + columns.frictions], 2, axis=1)
-        drive["friction"] = {"forward": forward.tolist(), "backward": backward.tolist()}
-    if "load" in commanded:
-        drive["loads"] = rows[:, columns.count - columns.loads :].tolist()
+    loads = columns.lengths + columns.frictions
+    if not set(names[columns.lengths : loads]).isdisjoint(measured.command_names):
+        drive["friction"] = _as_friction(scene, rows[:, columns.lengths : loads])
+    if not set(names[loads:]).isdisjoint(measured.command_names):
+        drive["loads"] = _as_pairs(rows[:, loads:]) if scene.dimension == 2 else rows[:, loads:].tolist()
     return Scene.model_validate(base.document() | {"drive": drive})
 
 
 def _as_actuation(scene: Scene, rows: np.ndarray) -> list[Any]:
     """Convert commanded lengths to rows of a drive, in which links without a length have pairs of components."""
-    pairs = scene.dimension == 2 and scene.body.turning is None
-    return rows.reshape(rows.shape[0], -1, 2).tolist() if pairs else rows.tolist()
+    return _as_pairs(rows) if scene.dimension == 2 and scene.body.turning is None else rows.tolist()
+
+
+def _as_pairs(rows: np.ndarray) -> list[Any]:
+    return rows.reshape(rows.shape[0], -1, 2).tolist()
+
+
+def _as_friction(scene: Scene, rows: np.ndarray) -> dict[str, Any]:
+    """Convert commanded frictions to those of a drive."""
+    if scene.dimension == 2 and scene.body.turning is None:
+        return {"isotropic": rows.tolist()}
+    if scene.dimension == 2:
+        return {side: rows[:, k :: len(SIDES)].tolist() for k, side in enumerate(SIDES)}
+    return dict(zip(("forward", "backward"), (half.tolist() for half in np.split(rows, 2, axis=1)), strict=True))
 
 
 def _corners(time: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -107,9 +107,14 @@ class Replica:
         self.measured = measured
         self._keys = tuple(keys)
         self._base = replay_scene(with_loads(scene, keys), measured)
+        columns = self._base.columns
+        frictions = columns.names[columns.lengths : columns.lengths + columns.frictions]
+        replaced = set(frictions) <= set(measured.command_names)
         for key in keys:
             if self._is_recorded and key.startswith("drive."):
                 raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
+            if replaced and key.partition(".")[0] == "friction" and "angle" not in key:
+                raise SceneError(f"{caller}: {key}: no effect, as {measured.name} has commands of all friction")
         try:
             vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
         except SceneError as error:
