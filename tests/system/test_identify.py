@@ -744,3 +744,61 @@ def test_mutants_of_a_table_end_in_one_line_or_are_measurements(robot, tmp_path,
     except MeasurementError as error:
         message = str(error)
     assert "\n" not in message
+
+
+LINE = {
+    "body": {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}},
+    "friction": {"forward": 0.3, "backward": 0.9},
+    "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.1], [0.0]]},
+}
+PLANE = {
+    "dimension": 2,
+    "body": {"contacts": [[0.0, 0.0], [0.2, 0.0]], "links": {"stiffness": 20.0}},
+    "friction": {"isotropic": 0.3},
+    "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[[0, 0]], [[0.1, 0.05]], [[0, 0]]]},
+}
+TURNING = {
+    "dimension": 2,
+    "body": {"points": [[0.0, 0.0], [0.2, 0.0]], "springs": "length", "links": {"stiffness": 20.0}},
+    "friction": {"isotropic": 0.3},
+    "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.1], [0.0]]},
+}
+
+
+@pytest.mark.parametrize("form", ["table", "recording"])
+@pytest.mark.parametrize(
+    ("document", "commanded"),
+    [
+        (LINE, {"friction": {"forward": [[0.1, 0.1]] * 3, "backward": 0.9}}),
+        (LINE, {"friction": {"forward": [[0.1, 0.1], [0.2, 0.1], [0.1, 0.1]], "backward": 0.9}}),
+        (LINE | {"loads": 0.0}, {"loads": [-0.1] * 3}),
+        (PLANE, {"friction": {"isotropic": [[0.1, 0.1], [0.1, 0.2], [0.1, 0.1]]}}),
+        (PLANE | {"loads": [0.0, 0.0]}, {"loads": [[0.0, 0.05]] * 3}),
+        (TURNING, {"friction": {"isotropic": [[0.1, 0.1], [0.1, 0.2], [0.1, 0.1]]}}),
+    ],
+    ids=["constant", "of_a_contact", "loads", "plane", "plane_loads", "turning"],
+)
+def test_commanded_friction_and_loads_are_those_of_the_run(tmp_path, capsys, form, document, commanded):
+    """They differ from those of the scene; with these the stiffness would be wrong, and fit as well on a line."""
+    scene = Scene.model_validate(document | {"name": "driven", "drive": document["drive"] | commanded})
+    (tmp_path / "driven.yaml").write_text(yaml.safe_dump(scene.document()))
+    if form == "recording":
+        path = recordings.record(tmp_path / "bag", scene, 4.0)
+    else:
+        path = tmp_path / "driven.csv"
+        assert run(capsys, "simulate", tmp_path / "driven.yaml", "--duration", 4, "--csv", path)[0] == 0
+    options = ("--fit", "body.links.stiffness", "--sensor", "perfect", "--json")
+    status, out, err = run(capsys, "identify", path, "--scene", tmp_path / "driven.yaml", *options)
+    assert status == 0, err
+    (found,) = json.loads(out)["parameters"]
+    assert found["value"] == pytest.approx(20.0, rel=1e-4)
+
+
+def test_friction_that_was_commanded_is_not_fitted(tmp_path, capsys):
+    drive = LINE["drive"] | {"friction": {"forward": 0.1, "backward": 0.9}}
+    (tmp_path / "driven.yaml").write_text(yaml.safe_dump(LINE | {"name": "driven", "drive": drive}))
+    path = tmp_path / "driven.csv"
+    assert run(capsys, "simulate", tmp_path / "driven.yaml", "--duration", 2, "--csv", path)[0] == 0
+    status, _, err = run(capsys, "identify", path, "--scene", tmp_path / "driven.yaml", "--fit", "friction.forward")
+    assert status == 1
+    assert "friction.forward: no effect, as driven.csv has commands of all friction" in err
