@@ -37,6 +37,7 @@ class Rest:
         since: when the slip before it ended [s]; the start of the run when there was none.
         until: when the next slip begins [s]; the end of the run when there is none.
         commanded: whether commands changed meanwhile.
+        commanded_from: when they began to [s]; None if they did not.
         margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
     """
 
@@ -44,6 +45,7 @@ class Rest:
     since: float
     until: float
     commanded: bool
+    commanded_from: float | None
     margin: float | None
 
     def as_plain(self) -> dict[str, Any]:
@@ -61,10 +63,11 @@ class Rest:
             Its time and its reason.
         """
         rest = f"at rest from {self.since:g} s to {self.until:g} s"
-        if not self.commanded:
+        if self.commanded_from is None:
             return f"{rest}: no command changed"
         near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
-        return f"{rest}: commands changed, but no spring force exceeded its bound{near}"
+        begin = f" from {self.commanded_from:g} s on" if self.commanded_from > self.since else ""
+        return f"{rest}: commands changed{begin}, but no spring force exceeded its bound{near}"
 
 
 def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill | None) -> tuple[Rest, ...]:
@@ -87,7 +90,8 @@ def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill
         since = np.concatenate((start[:1], end[slides]))
         until = np.append(start[slides], end[-1])
         _, path = table.path(run)
-        changes = path.time_ns[np.flatnonzero(path.moved()) + 1]  # ends of the ramps that change a command
+        changing = np.flatnonzero(path.moved())  # ramps that change a command
+        begins, changes = path.time_ns[changing], path.time_ns[changing + 1]
         for k in np.flatnonzero(until - since >= max(least, 1.0)).tolist():
             if standstill is not None and run == table.run[-1] and k == since.size - 1:
                 continue
@@ -95,7 +99,9 @@ def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill
             first, last = np.searchsorted(changes, (since[k], until[k]), side="right")
             known = inside.size > 0 and bool(np.isfinite(inside).all())
             nearest = max(float(inside.min()), 0.0) if known else None
-            found.append(Rest(run, float(since[k]) / NS, float(until[k]) / NS, bool(last > first), nearest))
+            begin = float(max(begins[first], since[k])) / NS if last > first else None
+            times = float(since[k]) / NS, float(until[k]) / NS
+            found.append(Rest(run, *times, begin is not None, begin, nearest))
     return tuple(found)
 
 

@@ -433,9 +433,10 @@ def test_a_rest_in_the_middle_is_told_with_its_reason(tmp_path):
     (rest,) = found.rests
     assert rest.since == pytest.approx(1.0)
     assert 4.0 < rest.until < 5.0
-    assert rest.commanded  # from 4 s on, until the tension has turned round
+    assert rest.commanded  # until the tension has turned round
+    assert rest.commanded_from == pytest.approx(4.0)
     assert "at rest from 1 s to 4." in rest.explain()
-    assert "commands changed, but no spring force exceeded its bound" in rest.explain()
+    assert "commands changed from 4 s on, but no spring force exceeded its bound" in rest.explain()
     assert found.as_plain()["rests"] == [rest.as_plain()]
     assert found.standstill is None
 

@@ -25,6 +25,7 @@ _FOUND: dict[str, list[tuple[str, Any, str]]] = {
         ("since", pa.float64(), "s"),
         ("until", pa.float64(), "s"),
         ("commanded", pa.bool_(), "1"),
+        ("commanded_from", pa.float64(), "s"),
         ("margin", pa.float64(), "N"),
     ],
     "refusals": [
