@@ -18,6 +18,7 @@ from .screen import (
     ForceOption,
     SceneArgument,
     check_output,
+    note_left_out,
     parse_bounds,
     progress_bar,
     require,
@@ -181,7 +182,7 @@ def optimise_command(
         "periods": periods,
     }
     motion = None if target is None else parse_target(target)
-    from crawler_model import load_scene, optimise, pareto, prepare, read_posterior
+    from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
     if robust_to is not None:
@@ -189,12 +190,14 @@ def optimise_command(
         limits |= {"robust_to": read_posterior(robust_to, loaded), "robust_of": over}
     _ask_about_units(strokes, loaded)
     prepare(loaded)
+    found: Front | Optimum
     with progress_bar("optimising") as progress:
-        found: Front | Optimum
         if compromises:
             found = pareto(loaded, progress=progress, **limits)
         else:
             found = optimise(loaded, objective.value, progress=progress, target=motion, **limits)
+    drive = found.points[0].scene.document()["drive"] if isinstance(found, Front) else found.scene.document()["drive"]
+    note_left_out(loaded, drive)
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
     if seconds is None and not found.complete:

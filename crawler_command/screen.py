@@ -6,7 +6,7 @@ import importlib.util
 import os
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -277,6 +277,20 @@ def whole_file(path: Path) -> Iterator[Path]:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def note_left_out(scene: Scene, drive: Mapping[str, Any]) -> None:
+    """Print which commands of a scene's drive are missing from the drive that was sought in its place.
+
+    Args:
+        scene: the scene.
+        drive: the part `drive` of the scene that was found.
+    """
+    own = scene.document().get("drive", {})
+    left_out = [f"drive.{key}" for key in ("friction", "friction_wave", "loads") if key in own and key not in drive]
+    if left_out:
+        text = f"the drive was sought without {' and '.join(left_out)}, on the friction and loads of the scene itself"
+        print(f"crawler: {scene.name}: {text}", file=sys.stderr)
 
 
 def write_scene(scene: Scene, path: Path) -> None:

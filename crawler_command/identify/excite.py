@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from ..screen import ForceOption, SceneArgument, check_output, parse_bounds, progress_bar, screen, write_scene
+from ..screen import (
+    ForceOption,
+    SceneArgument,
+    check_output,
+    note_left_out,
+    parse_bounds,
+    progress_bar,
+    screen,
+    write_scene,
+)
 from .command import split_keys
 
 
@@ -50,9 +59,10 @@ def excite_command(
 
     check_output("--out", out, ".yaml", force)
     strokes = parse_bounds("--stroke", stroke or ())
+    loaded = load_scene(scene)
     with progress_bar("searching a drive") as progress:
         found = excite(
-            load_scene(scene),
+            loaded,
             split_keys(fit),
             strokes.get("") if set(strokes) == {""} else strokes or None,
             noise,
@@ -63,6 +73,7 @@ def excite_command(
             seed,
             progress,
         )
+    note_left_out(loaded, found.scene.document()["drive"])
     if out is not None:
         write_scene(found.scene, out)
     if as_json:

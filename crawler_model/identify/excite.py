@@ -108,7 +108,8 @@ def excite(
     """Find a short drive within given strokes from which parameters can be identified.
 
     Args:
-        scene: a scene on a line, a path or a gallery name; its numbers are the first guess.
+        scene: a scene on a line, a path or a gallery name; its numbers are the first guess. Its drive is replaced, with
+            all that it commands.
         keys: dotted keys of the parameters, as for `identify`.
         stroke: bounds of all links [m] and segments (strain), or of each by name; None for those of the scene's drive.
         noise: standard deviation of the measured positions of the contacts [m].

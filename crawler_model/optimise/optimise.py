@@ -54,7 +54,8 @@ def optimise(
     nothing better.
 
     Args:
-        scene: a scene, a path or a gallery name; it needs no drive.
+        scene: a scene, a path or a gallery name; it needs no drive. Where waypoints are unknown, its drive is replaced,
+            with all that it commands: friction and loads are those of the scene itself.
         objective: "translation", the gain per period `towards` a direction; "cost-of-transport", work / (distance *
             force), the smaller the better; "travel", gain / sum of all changes of rest lengths, not of bodies that
             turn; of these "turn", the turn per period to the left, or "screw", the least distance of the motion per

@@ -80,6 +80,8 @@ def search(
         run.found.interrupted = True
     finally:
         run.evaluator.close()
+    if run.found.interrupted:
+        run.note(*run.evaluator.best)
     run.found.evaluations = run.evaluator.evaluations
     run.found.optima.sort(key=lambda pair: -pair[0])
     return run.found

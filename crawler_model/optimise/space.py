@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -240,6 +241,10 @@ class Evaluator:
         """
         self.space, self.over = space, over
         self.evaluations = 0
+        """How many candidates were run, with derivatives or without."""
+        self.best = np.zeros(0), -math.inf
+        """The best of them, shape (P,), and its score."""
+        self._lock = threading.Lock()
         self._threads = available_cores() if threads is None else threads
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
 
@@ -253,7 +258,6 @@ class Evaluator:
             Shape (M,); -inf for those that the time limit leaves out.
         """
         first = self.evaluations == 0
-        self.evaluations += len(points)
         if not points:
             return np.zeros(0)
         together = _CHUNK if self.space.scenes[0].base.dimension == 1 else 1  # in the plane they run one by one
@@ -261,10 +265,20 @@ class Evaluator:
 
         def scores(i: int) -> list[float]:
             left_out = self.over is not None and self.over() and not (first and i == 0)
-            return [-math.inf] * len(parts[i]) if left_out else self.space.scores(parts[i])
+            return [-math.inf] * len(parts[i]) if left_out else self._run(parts[i])
 
         run = map if self._pool is None or len(parts) == 1 else self._pool.map
         return np.array([value for part in run(scores, range(len(parts))) for value in part])
+
+    def _run(self, points: Sequence[np.ndarray]) -> list[float]:
+        """Compute the scores of some candidates, which Ctrl-C does not lose."""
+        found = self.space.scores(points)
+        with self._lock:
+            self.evaluations += len(points)
+            for point, score in zip(points, found, strict=True):
+                if score > self.best[1]:
+                    self.best = point.copy(), score
+        return found
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate the scores of a candidate.

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
+import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from crawler_command.app import main
 from crawler_command.screen import parse_bounds
 from crawler_model import CrawlerError, limit_cycle, load_scene
+from crawler_model.optimise.search import Found
+from crawler_model.optimise.space import Space
 
 pytest.importorskip("cma")
 
@@ -64,6 +69,55 @@ def test_ctrl_c_keeps_the_best_gait_so_far(scene, capsys, monkeypatch):
     assert status == 130
     assert json.loads(out)["complete"] is False
     assert load_scene("best.yaml").document()["drive"] == json.loads(out)["drive"]
+
+
+@pytest.mark.parametrize("ending", ["ctrl_c", "seconds"])
+def test_gaits_of_the_first_round_are_kept_and_counted(scene, capsys, monkeypatch, ending):
+    """In the plane each gait takes so long that the search often ends in the first round."""
+    run_alone, scores, searched = Space.scores, [], []
+    verb = importlib.import_module("crawler_model.optimise.optimise")
+    check = verb.check_found
+
+    def count(space: Space, points: Sequence[np.ndarray]) -> list[float]:
+        found = run_alone(space, points)
+        scores.extend(found)
+        if ending == "ctrl_c" and len(scores) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+        return found
+
+    def check_found(space: Space, found: Found) -> None:
+        searched.extend(scores)
+        check(space, found)
+
+    monkeypatch.setattr(Space, "scores", count)
+    monkeypatch.setattr(verb, "check_found", check_found)
+    limit = ["--seconds", "0.5"] if ending == "seconds" else []
+    arguments = ["--for", "turn", "--out", "best.yaml", "--json", *limit]
+    status, out, err = run(capsys, "optimise", "steering_inchworm", *arguments)
+    assert status == (130 if ending == "ctrl_c" else 0), err
+    found = json.loads(out)
+    assert found["complete"] is False
+    assert found["best"]["value"] == max(searched)
+    assert found["evaluations"] == len(searched)
+    assert load_scene("best.yaml").document()["drive"] == found["drive"]
+
+
+def test_commands_that_waypoints_replace_are_named(scene, capsys):
+    mine = load_scene("mine.yaml").document()
+    for name, more in (("friction", {"friction": {"isotropic": 0.5}}), ("loads", {"loads": [0.0] * 3})):
+        drive = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.1], [0.0]], **more}
+        other = mine | {"name": "other", "drive": drive} | ({"loads": 0.0} if name == "loads" else {})
+        Path("other.yaml").write_text(json.dumps(other))
+        for verb in (
+            ["optimise", "other.yaml", "--for", "translation", "--seconds", "0.1"],
+            ["excite", "other.yaml", "--fit", "body.links.stiffness", "--duration", "1"],
+        ):
+            status, _, err = run(capsys, *verb)
+            assert status == 0
+            assert f"other: the drive was sought without drive.{name}, on the friction and loads of the scene" in err
+    free = ["--free", "friction=0.2:0.5", "--waypoints", "2", "--seconds", "0.1"]
+    status, _, err = run(capsys, "optimise", "two_anchor_a", "--for", "translation", *free)
+    assert (status, "sought without" in err) == (0, False)
 
 
 def test_text_names_the_change_that_stops_the_gait(scene, capsys):
