@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -245,9 +246,13 @@ def _with_drive(scene: Scene, drive: Scene | Mapping[str, Any] | str | Path | No
             raise SceneError(f"predict: {drive.name} has no drive; without one nothing moves")
     else:
         part = drive if isinstance(drive, Mapping) else load_drive(drive)
+    document = scene.document() | {"drive": part}
     try:
-        return Scene.model_validate(scene.document() | {"drive": part})
+        return Scene.model_validate(document)
     except SceneError as error:
+        if "start" not in document:  # the first waypoint may pull contacts beyond their friction
+            with contextlib.suppress(SceneError):
+                return Scene.model_validate(document | {"start": "relaxed"})
         raise SceneError(f"predict: the drive does not fit {scene.name}: {error}") from None
 
 

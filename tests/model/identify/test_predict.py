@@ -301,6 +301,16 @@ def test_a_drive_that_does_not_fit_is_refused(given, message):
         predict(robot(), posterior(), **given)
 
 
+def test_a_scene_without_a_start_begins_relaxed_where_the_drive_would_pull_it_away():
+    document = robot(None).document()
+    del document["start"]
+    pulling = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.1, 0.1], [0.0, 0.0], [0.1, 0.1]]}
+    found, expected = (predict(scene, posterior(), pulling) for scene in (Scene.model_validate(document), robot(None)))
+    assert (found.gain.value, found.gain.low) == (expected.gain.value, expected.gain.low)
+    with pytest.raises(CrawlerError, match="the drive does not fit robot: start"):
+        predict(robot(None, start={"displacement": [0.0, 0.0, 0.0]}), posterior(), pulling)
+
+
 def test_numbers_that_the_drive_commands_have_no_effect():
     friction = {"forward": [FORWARD] * 5, "backward": [BACKWARD] * 5}
     found = predict(robot(), posterior(), PERIODIC | {"friction": friction})
