@@ -287,10 +287,11 @@ def note_left_out(scene: Scene, drive: Mapping[str, Any]) -> None:
         drive: the part `drive` of the scene that was found.
     """
     own = scene.document().get("drive", {})
-    left_out = [f"drive.{key}" for key in ("friction", "friction_wave", "loads") if key in own and key not in drive]
-    if left_out:
-        text = f"the drive was sought without {' and '.join(left_out)}, on the friction and loads of the scene itself"
-        print(f"crawler: {scene.name}: {text}", file=sys.stderr)
+    for kind in ("friction", "loads"):
+        left_out = [f"drive.{key}" for key in (kind, f"{kind}_wave") if key in own]
+        if left_out and kind not in drive:
+            text = f"the drive was sought without {' and '.join(left_out)}, on the {kind} of the scene itself"
+            print(f"crawler: {scene.name}: {text}", file=sys.stderr)
 
 
 def write_scene(scene: Scene, path: Path) -> None:

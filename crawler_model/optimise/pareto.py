@@ -147,15 +147,18 @@ def pareto(
     if not far.interrupted:
         goal = dataclasses.replace(space.goal, objective="cost-of-transport")
         cheap = go(space.with_goal(goal), [far.point, *begin], None)
-        found.append(cheap.point)
-        ends = [_scores(space, far.point), _scores(space, cheap.point)]
+        if cheap.score > -math.inf:  # else Ctrl-C came before the first gait
+            found.append(cheap.point)
+        ends = [_scores(space, far.point), _scores(space, found[-1])]
         widths = ends[0][0] - ends[1][0], ends[1][1] - ends[0][1]
         for part in np.arange(1, _POINTS + 1) / (_POINTS + 1) if min(widths) > 0.0 else ():
             if runs[-1].interrupted:
                 break
             weights = (ends[1][0], 1.0 / (part * widths[0])), (ends[0][1], 1.0 / ((1.0 - part) * widths[1]))
             other = space.with_goal(dataclasses.replace(goal, weights=weights))
-            found.append(go(other, found, _ROUNDS).point)
+            one = go(other, found, _ROUNDS)
+            if one.score > -math.inf:
+                found.append(one.point)
     points = _undominated([_compromise(space, point) for point in found])
     complete = seconds is None and not any(run.interrupted for run in runs)
     evaluations = sum(run.evaluations for run in runs)

@@ -80,8 +80,9 @@ def search(
         run.found.interrupted = True
     finally:
         run.evaluator.close()
-    if run.found.interrupted:
-        run.note(*run.evaluator.best)
+    point, score, when = run.evaluator.best
+    if run.found.interrupted and score > -np.inf:
+        run.note(point, score, when)
     run.found.evaluations = run.evaluator.evaluations
     run.found.optima.sort(key=lambda pair: -pair[0])
     return run.found
@@ -132,11 +133,11 @@ class _Search:
         if self.progress is not None:
             self.progress(self.part)
 
-    def note(self, point: np.ndarray, score: float) -> None:
-        """Keep a point if it is the best one so far."""
+    def note(self, point: np.ndarray, score: float, when: float | None = None) -> None:
+        """Keep a point if it is the best one so far; it was found just now unless another time is given."""
         if improves(score, self.found.score) or not np.isfinite(self.found.score):
             self.found.point, self.found.score = point.copy(), score
-            self.found.found_after_s = time.perf_counter() - self.began
+            self.found.found_after_s = (time.perf_counter() if when is None else when) - self.began
 
     def round(self, number: int, begin: list[np.ndarray]) -> None:
         """Search once: from random points and waves, from a changed optimum, or by CMA-ES around one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -242,8 +243,8 @@ class Evaluator:
         self.space, self.over = space, over
         self.evaluations = 0
         """How many candidates were run, with derivatives or without."""
-        self.best = np.zeros(0), -math.inf
-        """The best of them, shape (P,), and its score."""
+        self.best = np.zeros(0), -math.inf, 0.0
+        """The best of them, shape (P,), its score, and when it was found, as by `time.perf_counter` [s]."""
         self._lock = threading.Lock()
         self._threads = available_cores() if threads is None else threads
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
@@ -277,7 +278,7 @@ class Evaluator:
             self.evaluations += len(points)
             for point, score in zip(points, found, strict=True):
                 if score > self.best[1]:
-                    self.best = point.copy(), score
+                    self.best = point.copy(), score, time.perf_counter()
         return found
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:

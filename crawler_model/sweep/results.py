@@ -53,8 +53,8 @@ class ManyRuns(Tabular):
         work: work of the actuators, shape (M,) [J].
         dissipation: energy lost to friction, shape (M,) [J].
         stored: change of the energy stored in the springs, shape (M,) [J].
-        residual: error of the energy balance, see `Energy`, relative to the largest of them and to the largest energy
-            stored at a waypoint, shape (M,).
+        residual: error of the energy balance, see `Energy`, relative to the largest of work, dissipation and stored
+            energy, also of that stored at a waypoint, shape (M,).
         violation: largest amount by which a spring force exceeds its bound, shape (M,) [N].
         visited_margin: how close all contacts came to sliding at once, shape (M,); for bodies of more than 256
             contacts and with catch_up only at the ends of ramps.

@@ -210,28 +210,28 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
     intake, refused = node.intake, node.intake.refusals.total
     now = refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld
     before, node.reported_commands = node.reported_commands, now
-    level, message = OK, "all accepted"
-    if refused:
-        message = f"{refused} message(s) refused; last: {intake.refusals.last}"
-    rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
-    if rival:
-        message = f"{rival}; {message}"
-        node.warn_once(rival)
-    if intake.lost > before[1]:
-        message = f"{intake.lost - before[1]} message(s) lost: they arrived faster than they could be read; {message}"
+    level, news = OK, []
     unheld = "no equilibrium holds their loads"
     if node.scene.body.turning is not None and not node.scene.columns.loads:
         unheld = "the frictions of a point do not fit together"
-    if node.commands.unheld > before[3]:
-        message = f"{node.commands.unheld - before[3]} row(s) dropped: {unheld}; {message}"
     if node.counts.unheld > before[4]:
-        message = f"the commands of {node.counts.unheld - before[4]} tick(s) refused; {message}"
+        news.append(f"the commands of {node.counts.unheld - before[4]} tick(s) refused")
+    if node.commands.unheld > before[3]:
+        news.append(f"{node.commands.unheld - before[3]} row(s) dropped: {unheld}")
+    if intake.lost > before[1]:
+        news.append(f"{intake.lost - before[1]} message(s) lost: they arrived faster than they could be read")
+    rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
+    if rival:
+        news.append(rival)
+        node.warn_once(rival)
+    if refused:
+        news.append(f"{refused} message(s) refused; last: {intake.refusals.last}")
     if rival or any(a > b for a, b in zip(now, before, strict=True)):
         level = WARN
     counts = intake.refusals.counts
     return (
         level,
-        message,
+        "; ".join(news) or "all accepted",
         [
             ("refused", str(refused)),
             ("refused because the queue was full", str(node.commands.full)),

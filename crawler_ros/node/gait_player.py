@@ -37,18 +37,18 @@ _MOST_AHEAD_NS = 30 * NS
 _WAKE_EVERY_S = 10.0  # discovery takes less: a simulator silent for longer is in lock-step, in the middle of a run
 _PATIENCE_S = 30.0
 _STILL_S = 0.3  # simulated time that has not advanced for as long waits for a command, as in lock-step
-_GONE_S = 3.0  # a simulator that restarts is absent for less; it sends diagnostics more often
+_GONE_S = 3.0  # a simulator that restarts is absent for less, and one that runs sends diagnostics more often
 
 
 def count_refusals(status: Any, topic: str) -> int:
-    """Count what a simulator has refused of the commands of a topic: messages, rows, and whole ticks.
+    """Count what a simulator has refused: messages of a topic, and rows and whole ticks of any commands.
 
     Args:
         status: the part of its diagnostics about commands.
         topic: name of the topic.
 
     Returns:
-        The number since the simulator started.
+        The number, of ticks since the last reset.
     """
     kinds = (f"refused on {topic}", "ticks refused")
     return sum(int(v.value) for v in status.values if v.key in kinds or v.key.startswith("dropped because "))
@@ -137,6 +137,7 @@ class GaitPlayer(QuietNode):
             return
         if now_ns < self.now_ns:  # the simulator was reset: start again
             self._start_ns, self._sent, self._reported, self.ended_s = None, 0, 0, None
+            self._refused = None  # ticks are counted anew
         self.now_ns = now_ns
         if self._publisher.get_subscription_count() == 0:
             return
@@ -174,7 +175,7 @@ class GaitPlayer(QuietNode):
         return self._met
 
     def _on_diagnostics(self, message: Any) -> None:
-        """End when the simulator has refused a command of this player; it counts refusals by topic."""
+        """End when the simulator has refused a command of this player."""
         namespace = self.get_namespace().strip("/")
         topic = read_topics()["joint_trajectory"].name
         for status in message.status:
@@ -190,10 +191,15 @@ class GaitPlayer(QuietNode):
                 if self.ended_s is not None:
                     self.done.set()
                 continue
-            if self.count_publishers(self._publisher.topic_name) > 1:  # the refused command may be another player's
+            if self._has_rivals():
                 self.get_logger().warning(f"a command of this player or of another one was refused: {status.message}")
             else:
                 self.fail(f"the simulator refuses the commands: {status.message}")
+
+    def _has_rivals(self) -> bool:
+        """Determine whether a refused command may be that of another node, on any topic."""
+        topics = [self.resolve_topic_name(name) for name, topic in read_topics().items() if topic.direction == "in"]
+        return sum(map(self.count_publishers, topics)) > 1
 
     @property
     def waits_to_send(self) -> bool:
@@ -329,8 +335,10 @@ def _spin(node: GaitPlayer) -> None:
             looked = now
             node.look_for_rivals()
             node.throttle.flush()
-        if node.ended_s is not None and now - node.ended_s > _GONE_S:
-            node.done.set()
+        if node.ended_s is not None:
+            if now - node.ended_s > _GONE_S:
+                node.done.set()
+            continue
         if node.waits_to_send and now - moved > _STILL_S:
             node.send()
         if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:

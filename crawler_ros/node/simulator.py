@@ -160,7 +160,7 @@ class Simulator(QuietNode):
             self.commands.reset(self.start.row)
             self.certificates = certificates_of(self.scene, self.crawler.method)
             self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
-            self.reported = (0, 0, 0, self.reported[3], 0)
+            self.reported, self.reported_commands = (0, 0, 0, self.reported[3], 0), (*self.reported_commands[:4], 0)
             self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response

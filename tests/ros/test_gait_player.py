@@ -95,6 +95,14 @@ def test_a_tick_that_is_refused_ends_it(ros, tmp_path, pace, times):
     assert "the simulator refuses the commands: the commands of " in said
 
 
+def test_without_diagnostics_it_ends_well_and_soon(ros):
+    """Nothing tells whether the last commands were followed; in lock-step simulated time stands still meanwhile."""
+    ros.start("crawler_ros.node.simulator", "lock_step:=true", "publish.diagnostics:=false")
+    playing = player(ros, "periods:=1", "patience:=1.0")
+    assert playing.process.wait(200) == 0, playing.said
+    assert "stands still" not in playing.said
+
+
 def test_without_a_simulator_it_ends(ros):
     assert "no simulator was found: start crawler-simulator" in last_words(player(ros, "patience:=1.0"))
 

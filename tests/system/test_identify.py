@@ -772,11 +772,12 @@ TURNING = {
         (LINE, {"friction": {"forward": [[0.1, 0.1]] * 3, "backward": 0.9}}),
         (LINE, {"friction": {"forward": [[0.1, 0.1], [0.2, 0.1], [0.1, 0.1]], "backward": 0.9}}),
         (LINE | {"loads": 0.0}, {"loads": [-0.1] * 3}),
+        (LINE, {"loads": [[-0.1, -0.1], [-0.05, -0.1], [-0.1, -0.1]]}),
         (PLANE, {"friction": {"isotropic": [[0.1, 0.1], [0.1, 0.2], [0.1, 0.1]]}}),
-        (PLANE | {"loads": [0.0, 0.0]}, {"loads": [[0.0, 0.05]] * 3}),
+        (PLANE, {"loads": [[0.0, 0.05]] * 3}),
         (TURNING, {"friction": {"isotropic": [[0.1, 0.1], [0.1, 0.2], [0.1, 0.1]]}}),
     ],
-    ids=["constant", "of_a_contact", "loads", "plane", "plane_loads", "turning"],
+    ids=["constant", "of_a_contact", "loads", "loads_of_the_drive", "plane", "plane_loads", "turning"],
 )
 def test_commanded_friction_and_loads_are_those_of_the_run(tmp_path, capsys, form, document, commanded):
     """They differ from those of the scene; with these the stiffness would be wrong, and fit as well on a line."""
@@ -794,11 +795,55 @@ def test_commanded_friction_and_loads_are_those_of_the_run(tmp_path, capsys, for
     assert found["value"] == pytest.approx(20.0, rel=1e-4)
 
 
-def test_friction_that_was_commanded_is_not_fitted(tmp_path, capsys):
-    drive = LINE["drive"] | {"friction": {"forward": 0.1, "backward": 0.9}}
-    (tmp_path / "driven.yaml").write_text(yaml.safe_dump(LINE | {"name": "driven", "drive": drive}))
+SEGMENT = {
+    "body": {
+        "segments": [
+            {
+                "name": "trunk",
+                "elements": 8,
+                "from": 0.0,
+                "to": 1.0,
+                "stiffness": 2.0,
+                "friction": {"forward": 0.3, "backward": 0.9},
+            }
+        ]
+    },
+    "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [0.3], [0.0]]},
+}
+
+
+@pytest.mark.parametrize(
+    ("document", "commanded", "key"),
+    [
+        (LINE, {"friction": {"forward": 0.1, "backward": 0.9}}, "friction.forward"),
+        (LINE, {"loads": [-0.1] * 3}, "loads"),
+        (PLANE, {"friction": {"isotropic": 0.1}}, "friction.isotropic"),
+        (PLANE, {"loads": [[0.0, 0.05]] * 3}, "loads"),
+        (SEGMENT, {"friction": {"forward": 0.1, "backward": 0.9}}, "body.segments[0].friction.forward"),
+    ],
+    ids=["friction", "loads", "plane", "plane_loads", "segment"],
+)
+def test_what_was_commanded_is_not_fitted(tmp_path, capsys, document, commanded, key):
+    (tmp_path / "driven.yaml").write_text(
+        yaml.safe_dump(document | {"name": "driven", "drive": document["drive"] | commanded})
+    )
     path = tmp_path / "driven.csv"
     assert run(capsys, "simulate", tmp_path / "driven.yaml", "--duration", 2, "--csv", path)[0] == 0
-    status, _, err = run(capsys, "identify", path, "--scene", tmp_path / "driven.yaml", "--fit", "friction.forward")
+    status, _, err = run(capsys, "identify", path, "--scene", tmp_path / "driven.yaml", "--fit", key)
     assert status == 1
-    assert "friction.forward: no effect, as driven.csv has commands of all friction" in err
+    assert "no effect, as driven.csv has commands of all that it changes" in err
+
+
+def test_a_number_on_which_the_run_does_not_depend_is_told(tmp_path, capsys):
+    """With coefficients, weights press contacts to the ground, but this friction was commanded."""
+    body = LINE["body"] | {"weights": 1.0}
+    drive = LINE["drive"] | {"friction": {"forward": 0.1, "backward": 0.9}}
+    document = LINE | {"name": "driven", "body": body, "friction": {"coefficient": {"forward": 0.3, "backward": 0.9}}}
+    (tmp_path / "driven.yaml").write_text(yaml.safe_dump(document | {"drive": drive}))
+    path = tmp_path / "driven.csv"
+    assert run(capsys, "simulate", tmp_path / "driven.yaml", "--duration", 2, "--csv", path)[0] == 0
+    options = ("--fit", "body.weights", "--json")
+    status, out, err = run(capsys, "identify", path, "--scene", tmp_path / "driven.yaml", *options)
+    assert status == 0, err
+    (found,) = (one for one in json.loads(out)["parameters"] if one["name"] == "body.weights")
+    assert found["verdict"] == "not excited"

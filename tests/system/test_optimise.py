@@ -89,6 +89,7 @@ def test_gaits_of_the_first_round_are_kept_and_counted(scene, capsys, monkeypatc
         searched.extend(scores)
         check(space, found)
 
+    monkeypatch.setattr(importlib.import_module("crawler_model.optimise.space"), "available_cores", lambda: 2)
     monkeypatch.setattr(Space, "scores", count)
     monkeypatch.setattr(verb, "check_found", check_found)
     limit = ["--seconds", "0.5"] if ending == "seconds" else []
@@ -114,7 +115,7 @@ def test_commands_that_waypoints_replace_are_named(scene, capsys):
         ):
             status, _, err = run(capsys, *verb)
             assert status == 0
-            assert f"other: the drive was sought without drive.{name}, on the friction and loads of the scene" in err
+            assert f"other: the drive was sought without drive.{name}, on the {name} of the scene itself" in err
     free = ["--free", "friction=0.2:0.5", "--waypoints", "2", "--seconds", "0.1"]
     status, _, err = run(capsys, "optimise", "two_anchor_a", "--for", "translation", *free)
     assert (status, "sought without" in err) == (0, False)

@@ -62,6 +62,8 @@ def _draw(problem: Problem, fit: Fit, held: np.ndarray, far: float, rng: np.rand
     jacobian = fit.mean_jacobian
     size = np.linalg.norm(jacobian, axis=0)
     free = np.flatnonzero(~held & (size > _NOTHING * size.max(initial=0.0)))
+    if free.size == 0:  # the motion depends on none of them
+        return fit.unknowns.copy()
     scaled = jacobian[:, free] / size[free]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     half = vectors * np.where(values > _WELL * values[-1], 1.0 / np.sqrt(np.maximum(values, 1e-300)), 0.0)

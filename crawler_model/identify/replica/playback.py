@@ -34,6 +34,8 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
         return scene
     place = {name: c for c, name in enumerate(measured.command_names)}
     document = scene.document()
+    if scene.columns.loads and "loads" not in document:  # its drive alone commands them
+        document["loads"] = 0.0 if scene.dimension == 1 else [0.0, 0.0]
     parts = len(document["body"].get("segments", ()))
     links = scene.columns.names[: scene.columns.lengths]
     if scene.dimension == 1 and scene.columns.lengths != scene.columns.links + parts:

@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from ...body.columns import Columns
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
 from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays, with_loads
 from ...errors import SceneError
 from ...scene.scene import Scene
+from ...sweep.keys import key_steps
 from ...sweep.vary import Variations, vary
 from ..measurements import MeasurementError, Measurements, observation
 from .changes import Change, add_changes, apply_gain, differentiate_gain
@@ -107,14 +109,12 @@ class Replica:
         self.measured = measured
         self._keys = tuple(keys)
         self._base = replay_scene(with_loads(scene, keys), measured)
-        columns = self._base.columns
-        frictions = columns.names[columns.lengths : columns.lengths + columns.frictions]
-        replaced = set(frictions) <= set(measured.command_names)
         for key in keys:
             if self._is_recorded and key.startswith("drive."):
                 raise SceneError(f"{caller}: {key}: no effect, as the commands of {measured.name} replace the drive")
-            if replaced and key.partition(".")[0] == "friction" and "angle" not in key:
-                raise SceneError(f"{caller}: {key}: no effect, as {measured.name} has commands of all friction")
+            changed = _columns_changed_by(key, self._base.columns)
+            if changed and changed <= set(measured.command_names):
+                raise SceneError(f"{caller}: {key}: no effect, as {measured.name} has commands of all that it changes")
         try:
             vary(self._base, {key: [0.0] for key in keys}, grid=False)  # checks the keys
         except SceneError as error:
@@ -367,6 +367,17 @@ class Replica:
         targets = np.broadcast_to(d_target, (count, *d_target.shape))  # the same for all rows, and not copied
         none = np.broadcast_to(0.0, (count, step.size))
         return drive, dataclasses.replace(local, targets=targets, times=none, period=np.zeros(step.size))
+
+
+def _columns_changed_by(key: str, columns: Columns) -> set[str]:
+    """List the columns of friction or loads that a key of these changes, or more of them; empty for other keys."""
+    steps, loads = key_steps(key), columns.lengths + columns.frictions
+    if steps[0] == "loads":
+        return set(columns.names[loads:])
+    if "friction" not in steps or "angle" in steps:
+        return set()
+    frictions = set(columns.names[columns.lengths : loads])
+    return {name for name in frictions if name.rpartition("/")[2] in steps} or frictions
 
 
 def _agree(one: Derivatives, other: Derivatives) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate, simulate_many
 from crawler_model.optimise.goal import Goal
 from crawler_model.optimise.optimise import build_space
-from crawler_model.optimise.search import search
+from crawler_model.optimise.search import _Search, search
 from crawler_model.optimise.space import Space
 
 pytest.importorskip("cma")
@@ -265,6 +265,22 @@ def test_a_compromise_is_beaten_in_neither_gain_nor_cost():
         assert further.cost_of_transport > cheaper.cost_of_transport
     cycle = limit_cycle(front.points[0].scene)
     assert cycle.gain == pytest.approx(front.points[0].gain, rel=1e-6)
+
+
+@pytest.mark.parametrize("last", [2, 3])
+def test_ctrl_c_before_the_first_gait_of_a_later_search_keeps_the_earlier_ones(monkeypatch, last):
+    search_on, searches = _Search.go, []
+
+    def go(run: _Search, begin: list[np.ndarray]) -> None:
+        searches.append(run)
+        if len(searches) == last:
+            raise KeyboardInterrupt
+        search_on(run, begin)
+
+    monkeypatch.setattr(_Search, "go", go)
+    front = pareto(chain(2), stroke=(0.0, 0.1), waypoints=2, seconds=1.0)
+    assert not front.complete
+    assert front.points[0].gain == pytest.approx(0.06)
 
 
 def test_goals_put_what_is_outside_of_limits_last():
