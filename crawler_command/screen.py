@@ -287,9 +287,9 @@ def note_left_out(scene: Scene, drive: Mapping[str, Any]) -> None:
         drive: the part `drive` of the scene that was found.
     """
     own = scene.document().get("drive", {})
-    for kind in ("friction", "loads"):
-        left_out = [f"drive.{key}" for key in (kind, f"{kind}_wave") if key in own]
-        if left_out and kind not in drive:
+    for kind, keys in {"friction": ("friction", "friction_wave"), "loads": ("loads",)}.items():
+        left_out = [f"drive.{key}" for key in keys if key in own]
+        if left_out and drive.keys().isdisjoint(keys):
             text = f"the drive was sought without {' and '.join(left_out)}, on the {kind} of the scene itself"
             print(f"crawler: {scene.name}: {text}", file=sys.stderr)
 

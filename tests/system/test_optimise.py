@@ -119,6 +119,9 @@ def test_commands_that_waypoints_replace_are_named(scene, capsys):
     free = ["--free", "friction=0.2:0.5", "--waypoints", "2", "--seconds", "0.1"]
     status, _, err = run(capsys, "optimise", "two_anchor_a", "--for", "translation", *free)
     assert (status, "sought without" in err) == (0, False)
+    free = ["--free", "drive.wave.wavelength=0.2:2", "--seconds", "0.1"]
+    status, _, err = run(capsys, "optimise", "friction_wave_segment", "--for", "translation", *free)
+    assert (status, "sought without" in err) == (0, False)
 
 
 def test_text_names_the_change_that_stops_the_gait(scene, capsys):
