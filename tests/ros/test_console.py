@@ -133,7 +133,8 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
             page.get_by_label("link_0 in m").fill("0.14")
             page.get_by_label("link_0 in m").press("Enter")
             wait_until(
-                lambda: page.evaluate("frame.values[0] > 0 || frame.console[0][0] > '0'"), what="the first command"
+                lambda: page.evaluate("frame.values[0] > 0 || parseInt(frame.console[0]) > 2"),
+                what="commands that move it",
             )
             browser.close()
         held = talk(address, watch)
