@@ -51,7 +51,7 @@ def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
     """Determine where friction follows from weight, shape (N,): on no contact if the drive commands friction."""
     follows = np.zeros(body.contacts, np.bool_)
     drive = parts.drive
-    if drive is None or (drive.friction is None and drive.friction_wave is None):
+    if drive is None or not drive.commands_friction:
         follows[body.isolated] = _has_coefficient(parts.friction)
         for part, segment in zip(parts.body.segments, body.segments, strict=True):
             follows[segment.contacts] = _has_coefficient(part.friction)

@@ -68,7 +68,7 @@ class Assembly:
     def commanded(self) -> np.ndarray:
         """Which columns the drive commands, bool, shape (C,): all lengths, and friction and loads where it has them."""
         drive, columns = self.parts.drive, self.columns
-        friction = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
+        friction = drive is not None and drive.commands_friction
         loads = drive is not None and drive.loads is not None
         parts = (columns.lengths, True), (columns.frictions, friction), (columns.loads, loads)
         return frozen(np.concatenate([np.full(size, given) for size, given in parts]))

@@ -186,6 +186,11 @@ class DrivePart(Part):
     ] = None
     length: Annotated[Number | None, key("With a `strategy`: Lmax, the largest actuation.", "m")] = None
 
+    @property
+    def commands_friction(self) -> bool:
+        """Whether the drive commands friction, so that the scene's own has no effect."""
+        return self.friction is not None or self.friction_wave is not None
+
     @model_validator(mode="after")
     def _one_kind(self) -> DrivePart:
         waves = self.wave is not None or self.friction_wave is not None

@@ -222,10 +222,9 @@ def _check_effect(scene: Scene, path: KeyPath, key: str) -> None:
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is not None:
         raise SceneError(f"vary: {key}: no effect, as the segment has fixed elements; vary elements instead")
     drive = scene.parts.drive
-    commands = drive is not None and (drive.friction is not None or drive.friction_wave is not None)
     own = path[0] == "friction" or (path[0] == "body" and "friction" in path)
-    if commands and own and "angle" not in path:
-        replaced = "drive.friction" if drive is not None and drive.friction is not None else "drive.friction_wave"
+    if drive is not None and drive.commands_friction and own and "angle" not in path:
+        replaced = "drive.friction" if drive.friction is not None else "drive.friction_wave"
         raise SceneError(f"vary: {key}: no effect, as the drive commands friction; vary {replaced} instead")
     if path[0] == "loads" and drive is not None and drive.loads is not None:
         raise SceneError(f"vary: {key}: no effect, as the drive commands loads; vary drive.loads instead")

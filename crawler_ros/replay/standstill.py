@@ -36,17 +36,20 @@ class Rest:
         run: number of the run between resets.
         since: when the slip before it ended [s]; the start of the run when there was none.
         until: when the next slip begins [s]; the end of the run when there is none.
-        commanded: whether commands changed meanwhile.
-        commanded_from: when they began to [s]; None if they did not.
+        commanded_from: when commands began to change meanwhile [s]; None if they did not.
         margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
     """
 
     run: int
     since: float
     until: float
-    commanded: bool
     commanded_from: float | None
     margin: float | None
+
+    @property
+    def commanded(self) -> bool:
+        """Whether commands changed meanwhile."""
+        return self.commanded_from is not None
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -54,7 +57,7 @@ class Rest:
         Returns:
             The attributes by name.
         """
-        return dict(self.__dict__)
+        return {**self.__dict__, "commanded": self.commanded}
 
     def explain(self) -> str:
         """Describe the rest in one line.
@@ -101,7 +104,7 @@ def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill
             nearest = max(float(inside.min()), 0.0) if known else None
             begin = float(max(begins[first], since[k])) / NS if last > first else None
             times = float(since[k]) / NS, float(until[k]) / NS
-            found.append(Rest(run, *times, begin is not None, begin, nearest))
+            found.append(Rest(run, *times, begin, nearest))
     return tuple(found)
 
 
