@@ -1,1 +1,23 @@
-"""Bodies on a line: one event-driven engine for chains and graphs, on any ground."""
+"""Bodies on a line: one event-driven engine for chains and graphs, on any ground.
+
+Kernels name their arguments alike. Records are described in `records`; a docstring lists only what it adds to this:
+
+Args:
+    contacts: CONTACT, shape (N,).
+    springs: SPRING, shape (S,).
+    model: a `Model`.
+    ramp: the RAMP.
+    ends: END, shape (2 S,).
+    block: BLOCK, memory for the present block.
+    runs: RUN; None for short chains and for graphs.
+    curves: a `Curves`; None if all springs are linear.
+    pieces: PIECE, of all curves.
+    ground: a `Terrain`; None on ground that is the same everywhere.
+    c: the CONTACT.
+    i: its index.
+    foot: its FOOT.
+    spring: the SPRING.
+    bend: its BEND.
+    count: number of contacts of the block, or of its rows where a sleeping run is one.
+    coming: the border, AHEAD or BEHIND.
+"""

@@ -14,7 +14,6 @@ def place_of(record, ramp):
 
     Args:
         record: a CONTACT or a SPRING.
-        ramp: the RAMP.
 
     Returns:
         The place on the ramp, or on the present fall if it takes part in that.
@@ -27,7 +26,6 @@ def move(c, distance):
     """Move a contact, and keep what rounding leaves out of its displacement.
 
     Args:
-        c: a CONTACT.
         distance: towards +x positive [m].
     """
     gained = c.gained + distance
@@ -43,7 +41,6 @@ def advance(c, ramp, s):
     """Advance a contact to s, and account for the friction and the load on its way.
 
     Args:
-        c: a CONTACT.
         ramp: the RAMP, whose account is added to.
         s: place on the ramp, or on the fall that it takes part in.
     """
@@ -83,8 +80,6 @@ def advance_spring(spring, curves, ramp, s):
     """Advance the tension of a spring to s, and account for the work of its actuator.
 
     Args:
-        spring: a SPRING.
-        curves: a `Curves`, or None.
         ramp: the RAMP, whose account is added to.
         s: place on the ramp.
     """

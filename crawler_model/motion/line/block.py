@@ -23,12 +23,7 @@ BEGINS = 1e-300
 
 @inlined
 def settle(c, ramp):
-    """Mark a contact as inside the bounds that it left before the present place on the ramp.
-
-    Args:
-        c: a CONTACT.
-        ramp: the RAMP.
-    """
+    """Mark a contact as inside the bounds that it left before the present place on the ramp."""
     if c.leaving != 0 and c.since < place_of(c, ramp):
         c.at &= ~c.leaving
         c.leaving = 0
@@ -39,9 +34,7 @@ def list_contact(contacts, block, i, count):
     """List a contact among those around which rates change, unless it is listed.
 
     Args:
-        contacts: CONTACT, shape (N,).
         block: BLOCK, which holds the list.
-        i: the contact.
         count: how many are listed.
 
     Returns:
@@ -58,10 +51,6 @@ def list_contact(contacts, block, i, count):
 def is_wall(c, ramp):
     """Determine whether a contact is strictly inside its bounds, and so rests whatever its neighbours do.
 
-    Args:
-        c: a CONTACT.
-        ramp: the RAMP.
-
     Returns:
         True if it is; in an implicit step none is.
     """
@@ -72,12 +61,6 @@ def is_wall(c, ramp):
 @lean
 def size_of_terms(contacts, springs, ends, c):
     """Sum the magnitudes of what the spring force on a contact is a difference of; it is large if springs are stiff.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        ends: END, shape (2 S,).
-        c: the CONTACT.
 
     Returns:
         The sum [N].
@@ -257,9 +240,7 @@ def passes_guard(contacts, block, ramp, count):
 
     Args:
         contacts: CONTACT, shape (N,); the guard begins to slide.
-        block: BLOCK.
         ramp: the RAMP, whose reach grows.
-        count: number of rows of the block.
 
     Returns:
         Whether one does.
@@ -331,11 +312,7 @@ def find_block(contacts, springs, model, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, whose block is written.
-        ramp: the RAMP.
-        i: the contact.
 
     Returns:
         The number of rows.

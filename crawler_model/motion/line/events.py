@@ -156,10 +156,6 @@ def solve_listed(contacts, springs, model, ramp, count):
     """Solve for the rates of the blocks around the listed contacts at s, and update all that depends on them.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ramp: the RAMP.
         count: how many contacts are listed. Those inside their bounds are in no block, except in an implicit step.
 
     Returns:
@@ -348,7 +344,6 @@ def follow_events(contacts, springs, model, ramp):
     Args:
         contacts: CONTACT, shape (N,), at the start of the ramp.
         springs: SPRING, shape (S,), likewise.
-        model: a `Model`.
         ramp: the RAMP; at the end `s` is the place that was reached, to which contacts and springs have yet to advance.
 
     Returns:

@@ -140,11 +140,7 @@ def solve_mesh(contacts, springs, model, ramp, count):
     An implicit step is not corrected: it finds forces, not their rates, and flat springs are left out of those.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.
-        ramp: the RAMP.
-        count: number of contacts of the block.
     """
     block, ends = model.block, model.ends
     _connect(contacts, springs, model, count)

@@ -157,11 +157,8 @@ def find_sides(contacts, springs, model, ramp, count):
     """Find which contacts of the block slide, and the rates in it.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, whose block is changed in place.
         ramp: the RAMP; `undetermined` is set if all slide, nothing holds them and friction balances.
-        count: number of contacts of the block.
 
     Returns:
         False if no sides were found, or no equilibrium is left; or if runs woke, and the block has to be found anew.

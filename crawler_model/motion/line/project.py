@@ -109,8 +109,6 @@ def project(model, ramp, count):
 
     Args:
         model: a `Model`; the sides of its block are written.
-        ramp: the RAMP.
-        count: number of contacts of the block.
     """
     block, breaks = model.block, model.breaks
     ramp.left, ramp.right = 0, breaks.shape[0]

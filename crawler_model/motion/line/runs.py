@@ -151,10 +151,7 @@ def wake_block(contacts, springs, block, runs, ramp, count):
     Args:
         contacts: CONTACT, shape (N,), changed in place.
         springs: SPRING, shape (N - 1,), likewise.
-        block: BLOCK.
-        runs: RUN, or None.
         ramp: the RAMP; `woken` is set if there are any.
-        count: number of rows of the block.
 
     Returns:
         Whether any were asleep.
@@ -176,11 +173,6 @@ def wake_block(contacts, springs, block, runs, ramp, count):
 def find_run(runs, ramp, i):
     """Find the largest sleeping run of a contact.
 
-    Args:
-        runs: RUN, or None.
-        ramp: the RAMP.
-        i: the contact.
-
     Returns:
         Its index; -1 if the contact is awake.
     """
@@ -200,11 +192,6 @@ def find_run(runs, ramp, i):
 def find_span(runs, ramp, i):
     """Find the first and the last contact of the largest sleeping run of a contact.
 
-    Args:
-        runs: RUN, or None.
-        ramp: the RAMP.
-        i: the contact.
-
     Returns:
         The two contacts; both are the contact itself if it is awake.
     """
@@ -219,8 +206,6 @@ def enter_run(contacts, runs, e, k):
     """Enter a run in a row of the block, as an equivalent spring and contact.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        runs: RUN, or None.
         e: the BLOCK.
         k: index of the run.
     """
@@ -240,12 +225,7 @@ def wake_turning(contacts, springs, block, runs, ramp, count):
     """Wake the runs of a solved block in which a contact may turn round.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (N - 1,).
         block: BLOCK, with the velocities and rates that were found.
-        runs: RUN, or None.
-        ramp: the RAMP.
-        count: number of rows of the block.
 
     Returns:
         Whether there are any; the block must then be found anew.
@@ -267,15 +247,7 @@ def wake_turning(contacts, springs, block, runs, ramp, count):
 
 @inlined
 def set_runs(springs, block, runs, ramp, count):
-    """Give the sleeping runs of a solved block the velocities and rates that were found.
-
-    Args:
-        springs: SPRING, shape (N - 1,).
-        block: BLOCK.
-        runs: RUN, or None.
-        ramp: the RAMP.
-        count: number of rows of the block.
-    """
+    """Give the sleeping runs of a solved block the velocities and rates that were found."""
     if runs is None:
         return
     for j in range(count if ramp.asleep else 0):
@@ -343,11 +315,7 @@ def fall_asleep(contacts, springs, block, runs, ramp, count):
 
     Args:
         contacts: CONTACT, shape (N,), with their next events.
-        springs: SPRING, shape (N - 1,).
         block: BLOCK, with the velocities and rates that were found.
-        runs: RUN, or None.
-        ramp: the RAMP.
-        count: number of rows of the block.
     """
     if runs is None:
         return

@@ -78,7 +78,6 @@ def take_step(contacts, springs, model, ramp):
     Args:
         contacts: CONTACT, shape (N,), changed in place.
         springs: SPRING, shape (S,), likewise.
-        model: a `Model`.
         ramp: the RAMP; at the end `s` is 1, to which contacts and springs have yet to advance.
 
     Returns:

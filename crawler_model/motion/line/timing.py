@@ -17,9 +17,6 @@ def find_arrival(c, springs, ends, ramp):
 
     Args:
         c: a CONTACT at s; `coming` is written.
-        springs: SPRING, shape (S,).
-        ends: END, shape (2 S,).
-        ramp: the RAMP.
 
     Returns:
         The place on the ramp; infinite if it reaches none.
@@ -66,10 +63,6 @@ def find_next(contacts, springs, model, ramp, i):
 
     Args:
         contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ramp: the RAMP.
-        i: the contact.
 
     Returns:
         The place on the ramp; infinite if there is none.

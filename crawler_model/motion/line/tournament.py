@@ -20,11 +20,7 @@ def _play(contacts, node):
 
 @inlined
 def begin_tournament(contacts):
-    """Find the winners of all nodes.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-    """
+    """Find the winners of all nodes."""
     for node in range(contacts.shape[0] - 1, 0, -1):
         _play(contacts, node)
 
@@ -32,9 +28,6 @@ def begin_tournament(contacts):
 @inlined
 def find_earliest(contacts):
     """Return the contact with the earliest event.
-
-    Args:
-        contacts: CONTACT, shape (N,).
 
     Returns:
         Its index.
@@ -47,8 +40,6 @@ def schedule(contacts, i, when, begun):
     """Change the next event of a contact.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        i: the contact.
         when: place of its next event on the ramp.
         begun: whether the tournament has begun.
     """

@@ -17,12 +17,6 @@ _POINT = 1e-9
 def stretch_link(frame, command, x, s):
     """Compute the state of a link.
 
-    Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        s: the link.
-
     Returns:
         Its tension [N], infinite if it has shrunk to a point, its length [m], and its direction from a to b, two
         components [1].
@@ -38,13 +32,6 @@ def stretch_link(frame, command, x, s):
 def stretch_vector(frame, command, x, s, c):
     """Compute a component of the tension of a vector spring.
 
-    Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        s: the link.
-        c: 0 for x, 1 for y.
-
     Returns:
         The component [N].
     """
@@ -57,10 +44,6 @@ def turn_joint(frame, command, x, j, slope):
     """Compute the torque of a joint and the derivative of its angle.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        j: the joint.
         slope: output: derivative of the angle by the positions of a, b, c, shape (6,) [rad/m].
 
     Returns:
@@ -90,9 +73,6 @@ def pull(frame, command, x, force, size):
     """Compute the force that friction balances on each point: that of links, joints and loads.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
         force: output, shape (N, 2) [N].
         size: output: magnitude of the terms that are summed, shape (N,) [N].
     """
@@ -134,11 +114,6 @@ def pull(frame, command, x, force, size):
 def energy_of(frame, command, x):
     """Compute the energy of links and joints.
 
-    Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-
     Returns:
         The energy [J].
     """
@@ -163,10 +138,6 @@ def stiffen_link(frame, command, x, s, block):
     """Compute the second derivative of the energy of a link by the position of b; that by a and b is its negative.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        s: the link.
         block: output, shape (2, 2) [N/m].
     """
     if frame.vector:
@@ -189,10 +160,6 @@ def stiffen_joint(frame, command, x, j, block):
     The direction of an arm e has the second derivative (d e' + e d') / |e|^4, up to its sign, with d across e.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        j: the joint.
         block: output, shape (6, 6) [N/m].
     """
     slope = np.empty(6)
@@ -223,9 +190,6 @@ def strain(frame, command, x, found):
     """Compute the state of all links and joints.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
         found: output: tensions [N] and torques [N m]; elongations [m] and changes of angles [rad] since the reference
             shape, shape (2, S + J); of vector springs both components, shape (2, 2 S).
     """

@@ -23,7 +23,6 @@ def round_down(frame, length):
     """Round a length down to a power of 2 where a body turns.
 
     Args:
-        frame: the body.
         length: of a part of a ramp, or a part of one.
 
     Returns:
@@ -37,7 +36,6 @@ def snap(frame, place, length, scope):
     """Let a part end at a multiple of a power of 2 where a body turns.
 
     Args:
-        frame: the body.
         place: where the part begins, 0 to 1.
         length: of the part; it may be infinite.
         scope: what the end may move by; it moves by an eighth of that at most.
@@ -57,7 +55,6 @@ def find_end(frame, place, length, excess, later, guess, beyond):
     """Estimate the length of a part that ends just beyond an event.
 
     Args:
-        frame: the body.
         place: where the part begins, 0 to 1.
         length: of a part that is too long.
         excess: by how much it goes beyond the event, in any unit.

@@ -116,8 +116,6 @@ def span(frame, x, a, b):
     """Compute the vector from one point to another.
 
     Args:
-        frame: the body.
-        x: displacements, shape (N, 2) [m].
         a: the first point.
         b: the second point.
 
@@ -161,10 +159,6 @@ def unwind(angle):
 def yaw_of(frame, x):
     """Compute the direction of the heading.
 
-    Args:
-        frame: the body.
-        x: displacements, shape (N, 2) [m].
-
     Returns:
         The angle, between -pi and pi [rad].
     """
@@ -176,9 +170,6 @@ def yaw_of(frame, x):
 def columns_of(frame):
     """Return how many numbers of a command describe the friction of a point.
 
-    Args:
-        frame: the body.
-
     Returns:
         The number of directions, or 4.
     """
@@ -188,11 +179,6 @@ def columns_of(frame):
 @lean
 def friction_of(frame, command, i):
     """Return where the friction of a point begins in a command, and its extremes.
-
-    Args:
-        frame: the body.
-        command: the command.
-        i: the point.
 
     Returns:
         Index of its first friction; its least and its largest friction [N].
@@ -209,12 +195,6 @@ def friction_of(frame, command, i):
 @lean
 def load_of(frame, command, i, c):
     """Return a component of the load on a point.
-
-    Args:
-        frame: the body.
-        command: the command.
-        i: the point.
-        c: 0 for x, 1 for y.
 
     Returns:
         The load, 0 in a command without loads [N].

@@ -33,11 +33,6 @@ SLACK = 4.0
 def axis_of(frame, x, i):
     """Compute the axis of the friction of a point, and what turns it.
 
-    Args:
-        frame: the body.
-        x: displacements, shape (N, 2) [m].
-        i: the point.
-
     Returns:
         Cosine and sine of its angle, and the derivative of the angle by the position of the second point of its guide,
         two components [rad/m]; that by the position of the first point is its negative.
@@ -57,10 +52,7 @@ def resistance(frame, command, x, i, v0, v1):
     """Compute the work against friction of a displacement of a point.
 
     Args:
-        frame: the body.
-        command: the command.
         x: displacements, for the axis, shape (N, 2) [m].
-        i: the point.
         v0: its displacement along x [m].
         v1: its displacement along y [m].
 
@@ -87,10 +79,7 @@ def load_part(frame, command, x, i, f0, f1):
     """Compute a force in the coordinates in which the admissible forces are the unit disc.
 
     Args:
-        frame: the body.
-        command: the command.
         x: displacements, for the axis, shape (N, 2) [m].
-        i: the point.
         f0: the force along x [N].
         f1: the force along y [N].
 
@@ -113,10 +102,6 @@ def gap_of(frame, command, x, i, force):
     """Compute how far a force is from the boundary of its set, along itself.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        i: the point.
         force: of all points, shape (N, 2) [N].
 
     Returns:
@@ -138,9 +123,6 @@ def linearise(frame, command, x, base, force, size, rows):
     """Compute by how much each point misses the law of friction, and the derivatives of that.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
         base: displacements from which the points move, shape (N, 2) [m].
         force: from `pull`, shape (N, 2) [N].
         size: from `pull`, shape (N,) [N].
@@ -241,9 +223,6 @@ def measure_margins(frame, command, x, force, margins):
     """Compute how far forces are from the boundaries of their sets, along themselves.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
         force: that friction balances, shape (N, 2) [N].
         margins: output, 0 on points without friction, shape (N,) [N].
     """

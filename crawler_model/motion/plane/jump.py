@@ -41,10 +41,6 @@ def nudge(frame, command, x, moved, tie):
     """Displace an unstable equilibrium along the motion in which the energy decreases most.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        moved: last displacements of the points, shape (N, 2) [m].
         tie: output: the displacements after the nudge; `x` where it is stable, shape (N, 2) [m]. Of the two
             directions of a motion that is free to both sides, the one is taken whose largest component, of the first
             of these points, is positive.
@@ -101,12 +97,8 @@ def jump(frame, state, target, part, moved, account):
     """Move to another equilibrium at a place of a ramp.
 
     Args:
-        frame: the body.
         state: as for `follow_ramp`, changed in place.
-        target: end of the ramp, shape (C,).
         part: part of the way to the target at which the body jumps.
-        moved: last displacements of the points, shape (N, 2) [m].
-        account: added to, shape (14,).
 
     Returns:
         Whether there is one; the contact that moved farthest, how far [m], and the energy lost beside friction [J].

@@ -24,9 +24,6 @@ def corner_of(frame, command, at, k):
     """Compute a corner of a polygon.
 
     Args:
-        frame: the body.
-        command: the command.
-        at: where the friction of the point begins in it.
         k: the corner.
 
     Returns:
@@ -47,9 +44,6 @@ def gap_in(frame, command, at, f0, f1):
     """Compute the distance of a force from the nearest edge.
 
     Args:
-        frame: the body.
-        command: the command.
-        at: where the friction of the point begins in it.
         f0: the force along x [N].
         f1: the force along y [N].
 
@@ -67,10 +61,7 @@ def time_to_edge(frame, command, later, i, before, after):
     """Compute when a force that changes linearly reaches an edge on which it is not yet.
 
     Args:
-        frame: the body.
-        command: the command.
         later: the command after a unit of time.
-        i: the point.
         before: forces on all points, shape (N, 2) [N].
         after: those after a unit of time, shape (N, 2) [N].
 
@@ -93,9 +84,6 @@ def work_against(frame, command, at, v0, v1):
     """Compute the work against friction of a displacement.
 
     Args:
-        frame: the body.
-        command: the command.
-        at: where the friction of the point begins in it.
         v0: the displacement along x [m].
         v1: the displacement along y [m].
 
@@ -114,9 +102,6 @@ def nearest_face(frame, command, at, z0, z1, close):
     """Find the face of a polygon that is nearest to a force.
 
     Args:
-        frame: the body.
-        command: the command.
-        at: where the friction of the point begins in it.
         z0: the force along x [N].
         z1: the force along y [N].
         close: a force outside by no more than this is inside [N].
@@ -163,8 +148,6 @@ def linearise_polygon(frame, command, point, force, moved, limits, row):
     """Compute by how much a point misses the law of friction, and the derivatives of that.
 
     Args:
-        frame: the body.
-        command: the command.
         point: its number, and where its friction begins in the command.
         force: two components [N].
         moved: its displacement, two components [m].

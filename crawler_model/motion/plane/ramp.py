@@ -128,7 +128,6 @@ def glance(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
     Args:
-        frame: the body.
         way: displacements, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
         negligible: a point that starts and moves by no more is taken to have started before [m].
         velocity: changed in place: a guess, then the velocities, shape (N, 2) [m per unit of the ramp].
@@ -194,8 +193,6 @@ def _part_of_friction(frame, command, force):
     """Relate the sum of the distances of forces from their bounds to all friction: the visited margin.
 
     Args:
-        frame: the body.
-        command: the command.
         force: the sum [N].
 
     Returns:
@@ -310,14 +307,11 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
     """Follow a ramp of the commands until it ends, or patience does, or no part of it can be followed.
 
     Args:
-        frame: the body.
         state: displacements and what was gained, shape (N, 2) [m]; the command in force, shape (C,); the yaw, shape
             (1,) [rad]; changed in place.
-        target: end of the ramp, shape (C,).
         tolerance: largest error of the displacements [m].
         velocity: of the points along the ramp, a guess, changed in place: how far they moved last, where the body
             jumps, shape (N, 2) [m].
-        account: added to, shape (14,).
         progress: changed in place, shape (5,), see `PLACE`.
 
     Returns:
@@ -352,10 +346,7 @@ def force_step(frame, state, target, account, progress):
     """Take one implicit step of vector springs, whatever its error, and count it.
 
     Args:
-        frame: the body.
         state: as for `follow_ramp`, changed in place.
-        target: end of the ramp, shape (C,).
-        account: added to, shape (14,).
         progress: as for `follow_ramp`, changed in place.
 
     Returns:

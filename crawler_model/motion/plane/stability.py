@@ -30,9 +30,6 @@ def _list_axes(frame, command, moved, freedom, owner, axis, first):
     """List the directions in which points are free; return their number.
 
     Args:
-        frame: the body.
-        command: the command.
-        moved: last displacements of the points, shape (N, 2) [m].
         freedom: 1 if contacts are free along their displacements only, 2 in both directions.
         owner: output: point of each direction, shape (2 N,).
         axis: output: the directions, shape (2 N, 2).
@@ -101,10 +98,6 @@ def stiffness_of(frame, command, x, moved, freedom):
     That is the second derivative of the energy, and along displacements how friction changes as frames turn.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
-        moved: last displacements of the points, shape (N, 2) [m].
         freedom: 1 if contacts are free along their displacements only, 2 in both directions.
 
     Returns:
@@ -266,8 +259,6 @@ def decreases(frame, command, matrix, owner, unstable):
     """Determine whether the energy decreases along a forward motion.
 
     Args:
-        frame: the body.
-        command: the command.
         matrix: from `stiffness_of`, along the displacements.
         owner: point of each direction, shape (D,).
         unstable: an energy of a motion of length 1 below this one is a decrease [1].

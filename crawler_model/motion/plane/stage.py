@@ -140,9 +140,6 @@ def find_step(frame, command, x, rows, step, eta):
     """Solve for a step by which the miss of each point that moves becomes zero.
 
     Args:
-        frame: the body.
-        command: the command.
-        x: displacements, shape (N, 2) [m].
         rows: from `linearise`, shape (N, 13).
         step: changed in place: of the points that stick, then of all, shape (N, 2) [m].
         eta: stiffness of springs to an anchor, relative to the grip of each point [1].
@@ -250,9 +247,7 @@ def solve_stage(frame, command, base, x, force, eta):
     become softer from one search to the next. Steps of vector springs are rather made shorter, which takes less time.
 
     Args:
-        frame: the body.
         command: the command at the end of the step.
-        base: displacements at its start, shape (N, 2) [m].
         x: changed in place: a guess of the displacements at its end, then these, shape (N, 2) [m].
         force: output: the force that friction balances, shape (N, 2) [N].
         eta: stiffness of springs that hold each point where it was, relative to its grip, 0 for none [1].
@@ -304,9 +299,7 @@ def approach(frame, command, base, x, force):
     nearer to the solution, until a search without springs succeeds. It may take a hundred searches.
 
     Args:
-        frame: the body.
         command: the command at the end of the step.
-        base: displacements at its start, shape (N, 2) [m].
         x: output: the displacements at its end, shape (N, 2) [m].
         force: output: the force that friction balances, shape (N, 2) [N].
 

@@ -96,9 +96,7 @@ def choose_translation(frame, command, base, x, force):
     """Add to a step of vector springs the translation of equal cost that brings its mean nearest to zero.
 
     Args:
-        frame: the body.
         command: the command at the end of the step.
-        base: displacements at its start, shape (N, 2) [m].
         x: displacements at its end, shape (N, 2) [m], changed in place.
         force: force that friction balances at its end, shape (N, 2) [N].
 
@@ -187,7 +185,6 @@ def stay(base, guess, x):
     Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
 
     Args:
-        base: displacements at the start of the step, shape (N, 2) [m].
         guess: the step according to the velocities at its start, shape (N, 2) [m].
         x: displacements at its end, shape (N, 2) [m], changed in place.
 

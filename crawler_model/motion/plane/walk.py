@@ -41,7 +41,6 @@ def command_at(command, target, part, now):
 
     Args:
         command: the command in force, shape (C,).
-        target: end of the ramp, shape (C,).
         part: part of the way.
         now: output, shape (C,).
     """
@@ -54,8 +53,6 @@ def work_of(frame, x, before, after, slope):
     """Compute the work of the actuators while the body does not move.
 
     Args:
-        frame: the body.
-        x: displacements, shape (N, 2) [m].
         before: the command before, shape (C,).
         after: the command after, shape (C,).
         slope: memory, shape (6,).
@@ -89,7 +86,6 @@ def walk(frame, way, parts, step, total, slid):
     """Take part of the way in equal steps.
 
     Args:
-        frame: the body.
         way: displacements at the start, the command in force, the end of the ramp.
         parts: part of the way to the target; number of steps; whether the translation is determined at the start.
         step: guess of the first step, changed in place, shape (N, 2) [m].
@@ -305,7 +301,6 @@ def attempt(frame, way, part, velocity, force, limits, best):
     """Compute the displacement over a part of the way and its error.
 
     Args:
-        frame: the body.
         way: displacements at the start, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
         part: part of the way to the target.
         velocity: at the start, shape (N, 2) [m per unit of the way].

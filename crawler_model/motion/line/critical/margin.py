@@ -55,10 +55,6 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     begins with the contact that ended the one before: mostly, that one is still far from its bounds.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
         ramp: the RAMP, whose witness is updated.
         when: the place on the ramp.
         limit: sum of the distances from the bounds up to which they count as zero [N].
@@ -128,11 +124,6 @@ def find_margin(contacts, springs, model, curves, ramp, when):
     """Compute how close all contacts of a part are to sliding at once, not less than its bounds are from a balance.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
         when: place on the ramp, at or behind that where contacts were last advanced to.
 
     Returns:
@@ -152,10 +143,6 @@ def sample_margin(contacts, springs, model, curves, ramp):
     """Update the visited margin of a small body by the present part at s, unless it jumps.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
         ramp: the RAMP, whose margin is updated.
     """
     if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
@@ -175,12 +162,8 @@ def find_near_part(contacts, springs, model, curves, ramp, i):
     """List the part of a contact, as `find_part`, as long as none of its contacts is away from its bounds.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, in whose block the contacts are listed.
-        curves: its `Curves`.
         ramp: the RAMP; the parts of the body are unknown afterwards.
-        i: the contact.
 
     Returns:
         Whether the whole part is listed, so that it may be critical; it is then the present one.
@@ -203,13 +186,6 @@ def is_critical(contacts, springs, model, curves, ramp):
 
     A distance from the nearest bound is concave in s and never negative: if it vanishes at two later instants, it
     vanishes from here on. The ends of the ramp are not used, as friction may vanish there.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
 
     Returns:
         Whether they do.

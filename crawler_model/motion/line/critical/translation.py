@@ -155,9 +155,6 @@ def shift(contacts, springs, model, curves, ramp, s, until):
 
     Args:
         contacts: CONTACT, shape (N,), at s; their velocities are changed.
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
         ramp: the RAMP, whose account is added to.
         s: where the stretch begins.
         until: where it ends; the friction in its middle counts, as it may vanish at an end.
@@ -261,10 +258,6 @@ def choose(contacts, springs, model, curves, ramp, count):
 
     Args:
         contacts: CONTACT, shape (N,), with their next events.
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
         count: number of contacts that were listed to be solved around.
     """
     ramp.shifted = 0
@@ -295,10 +288,6 @@ def choose_step(contacts, springs, model, curves, ramp):
 
     Args:
         contacts: CONTACT, shape (N,), with the rates of their forces.
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
     """
     n, end = contacts.shape[0], ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0

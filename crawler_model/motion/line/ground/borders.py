@@ -47,11 +47,7 @@ def set_bound(c, foot, ground, side, ramp):
     """Set a bound of a contact, along the ramp, to that of the ground at its place; in a fall commands rest.
 
     Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
         side: FORWARD or BACKWARD.
-        ramp: the RAMP.
     """
     stretch = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2
     begin = _hold(foot, ground, stretch, side, ramp.rests if ramp.falling else 0.0)
@@ -65,11 +61,6 @@ def set_bound(c, foot, ground, side, ramp):
 @lean
 def excess_of(c, foot, ground):
     """Compute by how much the bound in force of a contact that falls exceeds that of the ground, while commands rest.
-
-    Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
 
     Returns:
         The excess [N]; 0 if it does not fall.
@@ -86,9 +77,6 @@ def set_load(c, foot, ground, ramp):
     """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides.
 
     Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
         ramp: the RAMP; in a fall loads rest.
     """
     rise = 0.5 * (ground.rise[(foot.place + 1) // 2] + ground.rise[foot.place // 2])
@@ -99,14 +87,7 @@ def set_load(c, foot, ground, ramp):
 
 @lean
 def set_bounds(c, foot, ground, ramp):
-    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound` and `set_load`.
-
-    Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
-        ramp: the RAMP.
-    """
+    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound` and `set_load`."""
     set_bound(c, foot, ground, FORWARD, ramp)
     set_bound(c, foot, ground, BACKWARD, ramp)
     set_load(c, foot, ground, ramp)
@@ -115,11 +96,6 @@ def set_bounds(c, foot, ground, ramp):
 @lean
 def border_of(foot, ground, coming):
     """Find the next border of a contact.
-
-    Args:
-        foot: its FOOT.
-        ground: a `Terrain`.
-        coming: AHEAD or BEHIND.
 
     Returns:
         Its number; -1 if there is none.
@@ -135,10 +111,6 @@ def gap_of(c, foot, ground, coming, s):
     """Compute the distance of a contact from its next border at s.
 
     Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
-        coming: AHEAD or BEHIND.
         s: place on the ramp.
 
     Returns:
@@ -155,11 +127,6 @@ def gap_of(c, foot, ground, coming, s):
 @lean
 def find_meeting(c, ground, i):
     """Find when a sliding contact reaches its next border, and note in `coming` which one that is.
-
-    Args:
-        c: CONTACT i.
-        ground: a `Terrain`, or None.
-        i: the contact.
 
     Returns:
         The place on the ramp, infinite if it reaches none.
@@ -182,9 +149,6 @@ def leave_border(c, ground, ramp, i):
 
     Args:
         c: CONTACT i, with its velocity.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
     """
     if ground is None:
         return
@@ -203,13 +167,6 @@ def leave_border(c, ground, ramp, i):
 @lean
 def compare(c, foot, ground, coming, ramp):
     """Compare the bound beyond a border with the bound in force, which in a fall is not that of the ground.
-
-    Args:
-        c: a CONTACT.
-        foot: its FOOT.
-        ground: a `Terrain`.
-        coming: AHEAD or BEHIND.
-        ramp: the RAMP.
 
     Returns:
         -1 if it is less, 0 if they are equal, 1 if it is more.
@@ -232,9 +189,6 @@ def reach_border(c, ground, ramp, i):
 
     Args:
         c: CONTACT i, advanced to s; `coming` is the border.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
 
     Returns:
         1 if the contact stands there, 0 if it goes on, -1 if it falls.
@@ -273,10 +227,6 @@ def open_jump(c, ground, ramp, i, border):
     """Begin a jump of a contact.
 
     Args:
-        c: CONTACT i.
-        ground: a `Terrain`.
-        ramp: the RAMP.
-        i: the contact.
         border: number of the border.
     """
     foot = ground.feet[i]
@@ -295,10 +245,7 @@ def close_jump(c, ground, ramp, i):
     """End the jump of a contact, if it is in one.
 
     Args:
-        c: CONTACT i.
-        ground: a `Terrain`.
         ramp: the RAMP; what is lost is added to.
-        i: the contact.
     """
     foot = ground.feet[i]
     if foot.jump == 0:
@@ -320,9 +267,6 @@ def rest_on_border(c, ground, ramp, i):
 
     Args:
         c: CONTACT i, advanced to s.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
     """
     if ground is None:
         return

@@ -43,12 +43,6 @@ def _is_due(c, ground, ramp, i):
 def is_due(c, ground, ramp, i):
     """Determine whether a sliding contact is now at a border beyond which the ground holds less, and note it as `due`.
 
-    Args:
-        c: CONTACT i.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
-
     Returns:
         Whether it is.
     """
@@ -65,11 +59,7 @@ def find_due(contacts, block, ground, ramp, count):
     """Look for a contact of a block that is at a border beyond which the ground holds less, before its rates change.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        block: BLOCK.
-        ground: a `Terrain`, or None.
         ramp: the RAMP; `due` is set.
-        count: number of contacts of the block.
 
     Returns:
         Whether there is one.
@@ -88,9 +78,6 @@ def find_due_at_end(contacts, block, ground, ramp):
     """Look for a contact that is at such a border at the end of the ramp or of the fall.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        block: BLOCK.
-        ground: a `Terrain`, or None.
         ramp: the RAMP, at its end; `due` is set.
 
     Returns:
@@ -109,10 +96,6 @@ def find_due_at_end(contacts, block, ground, ramp):
 def has_fallen(contacts, ground):
     """Determine whether a contact stands on ground that does not hold its bounds, and so has to fall.
 
-    Args:
-        contacts: CONTACT, shape (N,).
-        ground: a `Terrain`, or None.
-
     Returns:
         Whether one does.
     """
@@ -126,15 +109,7 @@ def has_fallen(contacts, ground):
 
 @lean
 def draw(contacts, model, ground, ramp, i):
-    """Draw contact i into the present fall, if there is one: its bounds rest, and so does it until it is solved.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        model: a `Model`.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-        i: the contact.
-    """
+    """Draw contact i into the present fall, if there is one: its bounds rest, and so does it until it is solved."""
     if ground is None:
         return
     c = contacts[i]
@@ -157,14 +132,7 @@ def draw(contacts, model, ground, ramp, i):
 
 @lean
 def draw_all(contacts, model, ground, ramp):
-    """Draw all contacts into the present fall, if there is one.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        model: a `Model`.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-    """
+    """Draw all contacts into the present fall, if there is one."""
     if ground is None:
         return
     if ramp.falling:
@@ -174,14 +142,7 @@ def draw_all(contacts, model, ground, ramp):
 
 @lean
 def draw_spring(spring, curves, ground, ramp):
-    """Draw a spring whose rate changes into the present fall, if there is one.
-
-    Args:
-        spring: a SPRING.
-        curves: a `Curves`, or None.
-        ground: a `Terrain`, or None.
-        ramp: the RAMP.
-    """
+    """Draw a spring whose rate changes into the present fall, if there is one."""
     if ground is None:
         return
     if ramp.falling and spring.since >= 0.0:
@@ -265,10 +226,6 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     """Begin a fall of all contacts that are now at borders beyond which the ground holds less, or one anew with them.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ground: a `Terrain`, or None.
         ramp: the RAMP; `due` is one of these contacts, or 0 if those that fall stand on their borders already.
         count: how many contacts are listed.
 
@@ -314,10 +271,6 @@ def end_fall(contacts, springs, model, ground, ramp, count):
     """Return from a fall to the ramp, with the bounds of the ground, or with those that are left of an unfinished fall.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ground: a `Terrain`, or None.
         ramp: the RAMP; the fall is finished if `s` is at its end.
         count: how many contacts are listed.
 

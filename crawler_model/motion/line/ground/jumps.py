@@ -13,8 +13,6 @@ def begin_on_ground(contacts, ground, ramp, target, springs):
 
     Args:
         contacts: CONTACT, shape (N,), changed in place.
-        ground: a `Terrain`.
-        ramp: the RAMP.
         target: L, bounds and, with loads, these, for ground without patches, shape (S + 2 N,) or (S + 3 N,).
         springs: number of springs S.
 
@@ -47,10 +45,7 @@ def finish_on_ground(c, ground, ramp, target, i):
 
     Args:
         c: CONTACT i, advanced to s.
-        ground: a `Terrain`.
-        ramp: the RAMP.
         target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
-        i: the contact.
     """
     foot, s, n = ground.feet[i], ramp.s, ground.feet.shape[0]
     rest_on_border(c, ground, ramp, i)
@@ -81,8 +76,6 @@ def place_anew(contacts, ground, ramp):
 
     Args:
         contacts: CONTACT, shape (N,), at the end of the step, changed in place.
-        ground: a `Terrain`.
-        ramp: the RAMP.
 
     Returns:
         Whether any falls.

@@ -66,7 +66,6 @@ def find_pieces(bend, pieces, u, z, direction):
 
     Args:
         bend: a BEND; its pieces are written.
-        pieces: PIECE, of all curves.
         u: z - L [m].
         z: elongation [m].
         direction: in which u goes on from a knot, opposite to that of z; 0 if either piece will do.
@@ -77,13 +76,7 @@ def find_pieces(bend, pieces, u, z, direction):
 
 @lean
 def set_stiffness(spring, bend, pieces):
-    """Make a spring linear, as it is on its present pieces.
-
-    Args:
-        spring: a SPRING.
-        bend: its BEND.
-        pieces: PIECE, of all curves.
-    """
+    """Make a spring linear, as it is on its present pieces."""
     actuator, passive = pieces[bend.actuator], pieces[bend.passive]
     slope = actuator.slope
     stiffness = slope + passive.slope
@@ -104,8 +97,6 @@ def find_way(bend, pieces, z, u, direction):
     """Find how far a spring can grow or shrink until it is at a knot.
 
     Args:
-        bend: its BEND.
-        pieces: PIECE, of all curves.
         z: elongation [m].
         u: z - L [m].
         direction: > 0 if it grows, < 0 if it shrinks.
@@ -126,10 +117,6 @@ def change_piece(contacts, spring, bend, pieces, ramp, coming):
     """Let a spring go on on the piece behind a knot, with what its command pulls on its contacts there.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        spring: a SPRING.
-        bend: its BEND.
-        pieces: PIECE, of all curves.
         ramp: the RAMP; the parts of the body are unknown afterwards if the spring was or is flat.
         coming: the knot, as `coming` of a BEND; 0 if the pieces are set already.
     """
@@ -152,7 +139,6 @@ def begin_bend(spring, curves):
 
     Args:
         spring: a SPRING; `d_length` is the change of its command.
-        curves: a `Curves`, or None.
     """
     if curves is None:
         return
@@ -174,7 +160,6 @@ def energy_of(spring, curves):
 
     Args:
         spring: a SPRING, with its tension, elongation and length.
-        curves: a `Curves`, or None.
 
     Returns:
         The energy [J].
@@ -202,8 +187,6 @@ def leash_of(contacts, spring, ramp):
 
     Args:
         contacts: CONTACT, shape (N,), advanced.
-        spring: a SPRING.
-        ramp: the RAMP.
 
     Returns:
         The difference [N].
@@ -218,7 +201,6 @@ def finish_bend(contacts, spring, curves, ramp, length):
     Args:
         contacts: CONTACT, shape (N,), advanced to there.
         spring: a SPRING; its tension is kept as near to that of its lengths as rounding allows.
-        curves: a `Curves`, or None.
         ramp: the RAMP, whose account is added to.
         length: L at the end of the ramp [m].
 
@@ -273,10 +255,6 @@ def _account_step(spring, bend, pieces, ramp, before, z):
 def is_flat(spring, curves):
     """Determine whether the tension of a spring is constant, so that it joins nothing.
 
-    Args:
-        spring: a SPRING.
-        curves: a `Curves`, or None.
-
     Returns:
         Whether it is.
     """
@@ -296,12 +274,6 @@ def _gained(c, ramp):
 @inlined
 def find_lengths(contacts, spring, bend, ramp):
     """Find the elongations of a bent spring at s and their rates.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        spring: a SPRING.
-        bend: its BEND.
-        ramp: the RAMP.
 
     Returns:
         z [m], L [m], and their rates [m].
@@ -358,10 +330,7 @@ def find_knot(contacts, spring, curves, ramp):
     """Find when a bent spring comes to its next knot.
 
     Args:
-        contacts: CONTACT, shape (N,).
         spring: a SPRING that is bent.
-        curves: a `Curves`.
-        ramp: the RAMP.
 
     Returns:
         The place on the ramp; infinite if it comes to none.

@@ -37,12 +37,6 @@ def pass_knots(contacts, springs, model, curves, ramp, i, count):
     """Let the springs that begin at a contact pass the knots that they are at; the contacts of both ends are listed.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
-        i: the contact.
         count: how many contacts are listed.
 
     Returns:
@@ -66,10 +60,6 @@ def pass_knots(contacts, springs, model, curves, ramp, i, count):
 def passes_singly(curves, ramp):
     """Determine whether knots at one place on the ramp are passed one after another: together they have led to no end.
 
-    Args:
-        curves: a `Curves`, or None.
-        ramp: the RAMP.
-
     Returns:
         Whether they are.
     """
@@ -80,16 +70,7 @@ def passes_singly(curves, ramp):
 
 @inlined
 def time_knots(contacts, springs, model, curves, ramp, count):
-    """Find anew when springs between a solved block and other contacts, at which they begin, come to knots.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
-        count: number of rows of the block.
-    """
+    """Find anew when springs between a solved block and other contacts, at which they begin, come to knots."""
     if curves is None:
         return
     for j in range(count):
@@ -103,15 +84,7 @@ def time_knots(contacts, springs, model, curves, ramp, count):
 
 @lean
 def time_contact(contacts, springs, model, ramp, i):
-    """Advance a contact to s, and find its next event anew.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        ramp: the RAMP.
-        i: the contact.
-    """
+    """Advance a contact to s, and find its next event anew."""
     if ramp.falling:
         draw(contacts, model, model.ground, ramp, i)
     settle(contacts[i], ramp)
@@ -145,9 +118,6 @@ def change_pieces(contacts, springs, curves, ramp, one_only):
 
     Args:
         contacts: CONTACT, shape (N,), with their displacements as velocities.
-        springs: SPRING, shape (S,).
-        curves: a `Curves`.
-        ramp: the RAMP.
         one_only: whether only the last spring changes that has to, by Murty's rule.
 
     Returns:
@@ -182,10 +152,6 @@ def tighten(contacts, springs, model, curves, ramp):
     The part slides as far as it needs to, so the spring that is the first to come to a knot is not flat at the end.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`.
         ramp: the RAMP; `loose` is a contact of the part.
 
     Returns:
@@ -217,9 +183,6 @@ def keep_part(contacts, model, curves, part):
     """Keep the velocities and the pieces of curves of a part of an implicit step that has been solved.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
         part: of the change of the commands; where it is 0, nothing moves.
     """
     for i in range(contacts.shape[0]):
@@ -233,15 +196,7 @@ def keep_part(contacts, model, curves, part):
 
 @lean
 def return_to_part(contacts, springs, model, curves, ramp):
-    """Return to the velocities and pieces of `keep_part`.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
-    """
+    """Return to the velocities and pieces of `keep_part`."""
     for i in range(contacts.shape[0]):
         contacts[i].v = model.block[i].kept
     if curves is None:
@@ -258,13 +213,7 @@ def return_to_part(contacts, springs, model, curves, ramp):
 
 @lean
 def end_step(contacts, springs, curves):
-    """Return the tensions and forces at the start of an implicit step to what they are, with rates to those at its end.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        curves: a `Curves`, or None.
-    """
+    """Restore the tensions and forces at the start of an implicit step, with rates to those at its end."""
     if curves is None:
         return
     for j in range(springs.shape[0]):

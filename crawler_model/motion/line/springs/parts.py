@@ -14,10 +14,7 @@ def list_beside(contacts, springs, model, curves, ramp, i):
     """List the contacts that springs which are not flat join to a listed one; they are of the same part.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, in whose block the contacts are listed behind the `last` place.
-        curves: its `Curves`.
         ramp: the RAMP; `present` is the number of the part.
         i: the listed contact.
     """
@@ -34,11 +31,7 @@ def begin_parts(contacts, springs, model, curves, ramp):
     """Find the parts of a body, unless they are known.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, in whose block the contacts of each part are listed together.
-        curves: its `Curves`, or None.
-        ramp: the RAMP.
     """
     if curves is None:
         return
@@ -65,8 +58,6 @@ def member(block, curves, r):
     """Find the contact at a place in the list of parts.
 
     Args:
-        block: BLOCK.
-        curves: a `Curves`, or None.
         r: the place, 0 .. N - 1.
 
     Returns:
@@ -83,7 +74,6 @@ def begin_part(block, curves, ramp, n):
 
     Args:
         block: BLOCK, with the list of parts.
-        curves: a `Curves`, or None.
         ramp: the RAMP; its present part becomes the one behind.
         n: number of contacts N.
     """
@@ -103,9 +93,7 @@ def begin_alone(block, ramp, i):
     """Begin to list the part of one contact alone; it becomes the present one.
 
     Args:
-        block: BLOCK.
         ramp: the RAMP; the parts of the body are unknown afterwards.
-        i: the contact.
     """
     ramp.parts -= 1  # numbers below those of the list of all parts
     ramp.parted, ramp.present, ramp.first, ramp.last, ramp.witness = 0, ramp.parts, 0, 1, 0
@@ -117,12 +105,8 @@ def find_part(contacts, springs, model, curves, ramp, i):
     """List the part of one contact alone, in proportion to its size; it becomes the present one.
 
     Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
         model: a `Model`, in whose block the contacts of the part are listed.
-        curves: its `Curves`.
         ramp: the RAMP; the parts of the body are unknown afterwards.
-        i: the contact.
     """
     begin_alone(model.block, ramp, i)
     read = 0
@@ -135,11 +119,6 @@ def find_part(contacts, springs, model, curves, ramp, i):
 def present_part(contacts, curves, ramp):
     """Find the places of the present part in the list of parts, from the first to behind the last.
 
-    Args:
-        contacts: CONTACT, shape (N,).
-        curves: a `Curves`, or None.
-        ramp: the RAMP.
-
     Returns:
         Both.
     """
@@ -151,13 +130,6 @@ def present_part(contacts, curves, ramp):
 @inlined
 def find_pull(contacts, springs, model, curves, i):
     """Find the force of the flat springs on a contact; those within a part cancel in its sum.
-
-    Args:
-        contacts: CONTACT, shape (N,).
-        springs: SPRING, shape (S,).
-        model: a `Model`.
-        curves: its `Curves`, or None.
-        i: the contact.
 
     Returns:
         The force [N].
@@ -177,7 +149,6 @@ def side_of(spring, block, part):
     """Find which end of a spring is in a part, if one is and the other is not.
 
     Args:
-        spring: a SPRING.
         block: BLOCK, with the list of parts.
         part: number of the part.
 

@@ -137,9 +137,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
     Args:
         contacts: CONTACT, shape (N,), at the end of what was followed of the ramp, changed in place.
         springs: SPRING, shape (S,), likewise.
-        model: a `Model`.
         ground: its `Terrain`, or None.
-        curves: its `Curves`, or None.
         ramp: the RAMP; `loose` may be one of the contacts. `runaway` is set if no knot and no border is on the way.
 
     Returns:
