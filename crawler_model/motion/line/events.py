@@ -80,9 +80,8 @@ def _set_rates(contacts, springs, model, ramp, count):
             draw_spring(spring, model.curves, model.ground, ramp)
             advance_spring(spring, model.curves, ramp, s)
             stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
-            spring.rate = ends[k].sign * ends[k].flow
-            if ramp.stepping:
-                spring.rate = spring.stiffness * (stretch - spring.d_length)
+            flow = spring.stiffness * (stretch - spring.d_length)
+            spring.rate = flow if ramp.stepping else ends[k].sign * ends[k].flow
             spring.moved |= stretch != 0.0
 
 
