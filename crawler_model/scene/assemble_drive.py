@@ -13,7 +13,7 @@ from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints
 from ..body.turning import SIDES, check_sides
 from ..errors import SceneError
 from .assemble_friction import planar_loads
-from .friction_parts import FrictionRowsPart, quarters
+from .friction_parts import FrictionRowsPart
 from .parts import DrivePart, SceneParts, WavePart
 
 
@@ -98,7 +98,7 @@ def _turning_friction_rows(part: FrictionRowsPart, rows: int, body: Body, column
     names = SIDES if part.isotropic is None else ("isotropic",) * len(SIDES)
     each = [
         _rows(table, rows, body.contacts, f"drive.friction.{name}", "point")
-        for name, table in zip(names, quarters(part), strict=True)
+        for name, table in zip(names, part.quarters, strict=True)
     ]
     friction = np.stack(each, axis=-1)
     for i, row in enumerate(friction):

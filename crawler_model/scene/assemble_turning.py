@@ -14,7 +14,6 @@ from ..errors import SceneError
 from ..rounding import EPS
 from .assemble_links import list_links
 from .assembly import Assembly
-from .friction_parts import quarters
 from .link_parts import LinksPart
 from .parts import SceneParts
 
@@ -134,7 +133,7 @@ def turning_friction(parts: SceneParts) -> np.ndarray:
     assert parts.friction is not None
     given, count = parts.friction.given, len(parts.body.places)
     names = SIDES if given.isotropic is None else ("isotropic",) * len(SIDES)
-    values = zip(names, quarters(given), strict=True)
+    values = zip(names, given.quarters, strict=True)
     friction = np.stack([spread(value, count, f"friction.{name}", "point") for name, value in values], axis=1)
     check_sides(friction, "friction", SceneError)
     return friction

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
+from ..body.turning import SIDES
 from ..errors import LARGEST, SceneError
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -84,9 +85,6 @@ class TablePart(Part):
         return self
 
 
-_SIDES = ("forward", "backward", "left", "right")
-
-
 def explain_friction(value: Any) -> Any:
     """Refuse a bare number as friction.
 
@@ -105,63 +103,44 @@ def explain_friction(value: Any) -> Any:
 
 
 def _check_one_way(part: Any) -> None:
-    if (getattr(part, "left", None) is None) != (getattr(part, "right", None) is None):
+    forward, backward, left, right = (getattr(part, name, None) is not None for name in SIDES)
+    if left != right:
         raise ValueError("give both `left` and `right`, or neither")
-    if getattr(part, "left", None) is not None and (part.forward is None or part.backward is None):
+    if left and not (forward and backward):
         raise ValueError("give `forward`, `backward`, `left` and `right` together, or `isotropic` alone")
-    both = part.forward is not None and part.backward is not None
-    neither = part.forward is None and part.backward is None
-    if not ((both and part.isotropic is None) or (neither and part.isotropic is not None)):
+    if forward != backward or forward == (part.isotropic is not None):
         raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
 
 
-def _check_one_kind(part: Any) -> None:
-    """Check that friction is given as forces or as coefficients, not as both."""
-    if part.coefficient is None:
-        _check_one_way(part)
-    elif any(getattr(part, name, None) is not None for name in (*_SIDES, "isotropic")):
-        raise ValueError("give `coefficient`, or forces, not both")
+class _Friction(Part):
+    """Base of friction by sides, in some parts also by directions or as coefficients."""
 
-
-def _sides(part: Any) -> tuple[Any, Any]:
-    if getattr(part, "coefficient", None) is not None:
-        return _sides(part.coefficient)
-    return (part.forward, part.backward) if part.isotropic is None else (part.isotropic, part.isotropic)
-
-
-def quarters(part: Any) -> tuple[Any, ...]:
-    """Return the friction of points of a body that turns.
-
-    Args:
-        part: friction as forces, as coefficients or as rows.
-
-    Returns:
-        Forward, backward, left and right.
-    """
-    return tuple(getattr(part, name) if part.isotropic is None else part.isotropic for name in _SIDES)
-
-
-class _TwoSided(Part):
     @model_validator(mode="after")
-    def _one_way(self) -> _TwoSided:
-        _check_one_way(self)
+    def _one_kind(self) -> _Friction:
+        directions, value, coefficient = (getattr(self, name, None) for name in ("directions", "value", "coefficient"))
+        by_sides = any(getattr(self, name, None) is not None for name in (*SIDES, "isotropic"))
+        if directions is not None or value is not None:
+            if directions is None or value is None or by_sides or coefficient is not None:
+                raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+        elif coefficient is None:
+            _check_one_way(self)
+        elif by_sides:
+            raise ValueError("give `coefficient`, or forces, not both")
         return self
 
     @property
-    def sides(self) -> tuple[Any, Any]:
-        """Forward and backward friction."""
-        return _sides(self)
+    def quarters(self) -> tuple[Any, ...]:
+        """Forward, backward, left and right friction, or the coefficients that replace forces."""
+        part: Any = getattr(self, "coefficient", None) or self
+        return tuple(getattr(part, name, None) if part.isotropic is None else part.isotropic for name in SIDES)
+
+    @property
+    def sides(self) -> tuple[Any, ...]:
+        """Forward and backward friction, likewise."""
+        return self.quarters[:2]
 
 
-def _check_by_direction(part: Any, check: Callable[[Any], None]) -> None:
-    """Check that friction by directions is complete and alone; otherwise apply another check."""
-    if part.directions is None and part.value is None:
-        check(part)
-    elif part.directions is None or part.value is None or part.has_sides:
-        raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
-
-
-class CoefficientPart(Part):
+class CoefficientPart(_Friction):
     """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
 
     forward: Annotated[Numbers | None, key("Against sliding towards +x: one number, or one each.", "1", minimum=0)] = (
@@ -180,18 +159,8 @@ class CoefficientPart(Part):
         Table | None, key("Coefficient in each direction: one row, or one per contact.", "1", minimum=0)
     ] = None
 
-    @model_validator(mode="after")
-    def _one_way(self) -> CoefficientPart:
-        _check_by_direction(self, _check_one_way)
-        return self
 
-    @property
-    def has_sides(self) -> bool:
-        """Whether the coefficients are specified other than by directions."""
-        return any(getattr(self, name) is not None for name in (*_SIDES, "isotropic"))
-
-
-class SegmentFrictionPart(Part):
+class SegmentFrictionPart(_Friction):
     """Friction of a segment per length, N/m: forward and backward, or isotropic, or as coefficients."""
 
     forward: Annotated[Number | TablePart | None, key("Against sliding towards +x.", "N/m", minimum=0)] = None
@@ -202,21 +171,15 @@ class SegmentFrictionPart(Part):
     ] = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> SegmentFrictionPart:
-        _check_one_kind(self)
+    def _on_a_line(self) -> SegmentFrictionPart:
         if self.coefficient is not None and self.coefficient.directions is not None:
             raise ValueError("coefficient: directions; a segment lies on a line and has none")
         if self.coefficient is not None and any(isinstance(value, tuple) for value in self.sides):
             raise ValueError("coefficient: a list; a segment takes one number")
         return self
 
-    @property
-    def sides(self) -> tuple[Any, Any]:
-        """Forward and backward friction, or the coefficients that replace them."""
-        return _sides(self)
 
-
-class FrictionPart(Part):
+class FrictionPart(_Friction):
     """Friction of the isolated contacts, N: forward and backward, isotropic, or in the plane by directions."""
 
     forward: Annotated[
@@ -277,28 +240,13 @@ class FrictionPart(Part):
         CoefficientPart | None, key("Instead of forces: coefficients, of the weights of the contacts.")
     ] = None
 
-    @model_validator(mode="after")
-    def _one_way(self) -> FrictionPart:
-        _check_by_direction(self, _check_one_kind)
-        return self
-
     @property
     def given(self) -> FrictionPart | CoefficientPart:
         """The coefficients if friction is given so, else the forces."""
         return self if self.coefficient is None else self.coefficient
 
-    @property
-    def has_sides(self) -> bool:
-        """Whether friction is specified other than by directions."""
-        return any(getattr(self, name) is not None for name in (*_SIDES, "isotropic", "coefficient"))
 
-    @property
-    def sides(self) -> tuple[Any, Any]:
-        """Forward and backward friction."""
-        return _sides(self)
-
-
-class FrictionRowsPart(_TwoSided):
+class FrictionRowsPart(_Friction):
     """Commanded friction, a row per time: forward and backward, or isotropic."""
 
     forward: Annotated[
