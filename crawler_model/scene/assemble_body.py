@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,10 @@ from ..body.columns import Columns, build_columns, build_planar_columns, build_t
 from ..body.directions import unit_directions
 from ..body.ground import Ground
 from ..errors import SceneError
-from .assemble_links import assemble_bends, list_links
+from .assemble_links import assemble_bends, read_links
 from .assemble_turning import assemble_turning_body
 from .friction_parts import TablePart, average, breaks_of, check_field, field_of
-from .link_parts import LinkPart, LinksPart, SegmentPart
+from .link_parts import SegmentPart
 from .parts import SceneParts, angles_of
 
 
@@ -87,23 +86,14 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
                 f"body.contacts: contact {i} is {list(contact)}; on a line it is a number (or dimension: 2)"
             )
     segments = [_interval(s, i, n) for i, (s, n) in enumerate(zip(given.segments, elements, strict=True))]
-    links = list_links(given)
-    pairs = tuple(link.between for link in links if link.between) if isinstance(links, tuple) else None
-    pairs = links.between if isinstance(links, LinksPart) else pairs or None
+    pairs, stiffness = read_links(given)
     between = None if pairs is None else [(_end(a, i), _end(b, i)) for i, (a, b) in enumerate(pairs)]
     contacts = np.array(given.contacts, dtype=np.float64)
     if parts.dimension == 2:
         contacts = contacts.reshape(-1, 2)
-    body = assemble_bends(given, build_body(contacts, _link_stiffness(links), between, segments))
+    body = assemble_bends(given, build_body(contacts, stiffness, between, segments))
     check_span(body)
     return body
-
-
-def _link_stiffness(links: LinksPart | tuple[LinkPart, ...] | None) -> Any:
-    """Return the stiffness of each link, or of all; 1 where there is none, see `assemble_bends` [N/m]."""
-    if isinstance(links, tuple):
-        return tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
-    return 1.0 if links is None or links.stiffness is None else links.stiffness
 
 
 def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) -> Body:
@@ -120,11 +110,11 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
     Raises:
         SceneError: if a stiffness is not positive.
     """
-    links, segments = parts.body.links, zip(parts.body.segments, like.segments, strict=True)
+    segments = zip(parts.body.segments, like.segments, strict=True)
     for place, part in enumerate(parts.body.segments):
         if part.stiffness is not None and not isinstance(part.stiffness, np.ndarray):
             check_field(part.stiffness, f"body.segments.{place}.stiffness", "N", "> 0")
-    given = spread(_link_stiffness(links), like.link_springs.size, "body.links.stiffness", "link")
+    given = spread(read_links(parts.body)[1], like.link_springs.size, "body.links.stiffness", "link")
     together = join((given, *(_element_stiffness(part, like.position[s.contacts]) for part, s in segments)))
     stiffness = np.empty(together.shape)
     first = like.link_springs.size

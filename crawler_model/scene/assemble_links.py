@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
@@ -14,29 +15,33 @@ from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart
 from .parts import BodyPart
 
 
-def list_links(parts: BodyPart) -> tuple[LinkPart, ...] | LinksPart | None:
-    """Check that either all entries of a list of links name their ends, or none does.
+def read_links(parts: BodyPart) -> tuple[tuple[tuple[int | str, int | str], ...] | None, Any]:
+    """Read the ends and the stiffness of the links of a body.
 
     Args:
         parts: the body.
 
     Returns:
-        Its links.
+        The pair of ends that each link joins, None for the chain of neighbours; and the stiffness of each link, or of
+        all, 1 where there is none, see `assemble_bends` [N/m].
 
     Raises:
-        SceneError: if some do and some do not, or there are too few or too many for the chain of neighbours.
+        SceneError: if some entries of a list name their ends and some do not, or there are too few or too many for the
+            chain of neighbours.
     """
-    if isinstance(parts.links, tuple):
-        joined = [link.between is not None for link in parts.links]
-        if any(joined) and not all(joined):
-            raise SceneError(
-                f"body.links.{joined.index(False)}.between: missing; give it for every link, or for none for the chain "
-                "of neighbours"
-            )
-        count = len(parts.places) + len(parts.segments) - 1
-        if not any(joined) and len(joined) != count:
-            raise SceneError(f"body.links: {len(joined)} entries; the chain of neighbours has {count} link(s)")
-    return parts.links
+    links = parts.links
+    if not isinstance(links, tuple):
+        return (None, 1.0) if links is None else (links.between, 1.0 if links.stiffness is None else links.stiffness)
+    pairs = tuple(link.between for link in links if link.between)
+    if pairs and len(pairs) < len(links):
+        missing = next(i for i, link in enumerate(links) if not link.between)
+        raise SceneError(
+            f"body.links.{missing}.between: missing; give it for every link, or for none for the chain of neighbours"
+        )
+    count = len(parts.places) + len(parts.segments) - 1
+    if not pairs and len(links) != count:
+        raise SceneError(f"body.links: {len(links)} entries; the chain of neighbours has {count} link(s)")
+    return pairs or None, tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
 
 
 def assemble_bends(parts: BodyPart, body: Body) -> Body:

@@ -12,9 +12,8 @@ from ..body.build_turning import build_frames, build_heading, build_joints, buil
 from ..body.turning import SIDES, Turning, check_sides, forward_angles, load_of_friction
 from ..errors import SceneError
 from ..rounding import EPS
-from .assemble_links import list_links
+from .assemble_links import read_links
 from .assembly import Assembly
-from .link_parts import LinksPart
 from .parts import SceneParts
 
 _ROUNDING = 1e3 * 32.0 * EPS
@@ -86,14 +85,7 @@ def assemble_turning_body(parts: SceneParts) -> Body:
     assert friction is not None
     field = "body.contacts" if given.points is None else "body.points"
     points = np.array(given.places, dtype=np.float64).reshape(-1, 2)
-    links = list_links(given)
-    assert links is not None
-    stiffness: Any
-    if isinstance(links, LinksPart):
-        between, stiffness = links.between, links.stiffness
-    else:
-        between = tuple(link.between for link in links if link.between) or None
-        stiffness = tuple(link.stiffness for link in links)
+    between, stiffness = read_links(given)
     for i, pair in enumerate(between or ()):
         for end in pair:
             if not isinstance(end, int):
