@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import frozen
 from ..body.directions import check_directions
 from ..errors import SceneError
-from .assemble_body import assemble_body, assemble_columns, reuse_body, reuse_columns
+from .assemble_body import assemble_body, assemble_columns, reuse_body
 from .assemble_drive import assemble_drive
 from .assemble_friction import assemble_friction, assemble_ground, planar_friction
 from .assemble_start import assemble_start, check_start, relax_loaded, starts_beyond
@@ -79,9 +79,7 @@ def _assemble(
     """Build the arrays of a scene for given numbers of elements; the start is not checked."""
     body = assemble_body(parts, elements) if like is None else reuse_body(parts, like.body, doubts)
     ground = assemble_ground(parts, body, doubts)
-    columns = (
-        assemble_columns(parts, body, ground) if like is None else reuse_columns(parts, body, ground, like.columns)
-    )
+    columns = assemble_columns(parts, body, ground, None if like is None else like.columns)
     drive = assemble_drive(parts, body, columns, assemble_friction(parts, body, columns, ground, doubts), doubts)
     return relax_loaded(Assembly(parts, body, ground, columns, drive, frozen(assemble_start(parts, body, drive))))
 

@@ -130,19 +130,25 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
     return like if np.array_equal(stiffness, like.stiffness) else dataclasses.replace(like, stiffness=frozen(stiffness))
 
 
-def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
+def assemble_columns(parts: SceneParts, body: Body, ground: Ground, like: Columns | None = None) -> Columns:
     """Build the command layout of the body of a scene.
 
     Args:
         parts: the parts of the scene.
         body: its body.
         ground: its ground.
+        like: the layout of another scene, which differs at most in its loads; None to build all of it.
 
     Returns:
-        The columns. A segment has one column for its strain unless a wave runs along it, and one per side for its
-        friction unless that varies along it.
+        The columns, `like` itself if the slope adds the same loads. A segment has one column for its strain unless a
+        wave runs along it, and one per side for its friction unless that varies along it.
     """
-    drive, slope_load = parts.drive, loads_of_slope(parts, ground)
+    drive, slope_load, patched = parts.drive, _loads_of_slope(parts, ground), ground.track is not None
+    same = None if like is None else like.slope_load
+    if like is not None and parts.dimension == 1 and (slope_load is None) == (same is None):
+        if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
+            return like
+        return dataclasses.replace(like, slope_load=slope_load, patched=patched)
     if body.turning is not None:
         return build_turning_columns(body, slope_load)
     if parts.dimension == 2:
@@ -150,40 +156,14 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground) -> Columns:
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    return build_columns(body, fields, slope_load, ground.track is not None)
+    return build_columns(body, fields, slope_load, patched)
 
 
-def loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
-    """Compute what the slope adds to the loads.
+def _loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
+    """Compute what the slope adds to the loads, shape (..., N), in the plane (N, 2) [N].
 
-    Args:
-        parts: the parts of the scene.
-        ground: its ground.
-
-    Returns:
-        Shape (..., N), in the plane (N, 2) [N]; None for a scene on level ground whose loads cannot be commanded.
+    None for a scene on level ground whose loads cannot be commanded.
     """
     drive = parts.drive
     loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or np.any(ground.slope != 0.0)
     return ground.slope_load if loaded else None
-
-
-def reuse_columns(parts: SceneParts, body: Body, ground: Ground, like: Columns) -> Columns:
-    """Build the command layout of a scene from that of another one, which differs at most in its loads.
-
-    Args:
-        parts: the parts of the scene.
-        body: its body.
-        ground: its ground.
-        like: the other layout.
-
-    Returns:
-        The layout; the other one itself if the slope adds the same loads.
-    """
-    slope_load, same = loads_of_slope(parts, ground), like.slope_load
-    if parts.dimension == 2 or (slope_load is None) != (same is None):
-        return assemble_columns(parts, body, ground)
-    patched = ground.track is not None
-    if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
-        return like
-    return dataclasses.replace(like, slope_load=slope_load, patched=patched)
