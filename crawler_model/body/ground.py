@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,23 +13,6 @@ _NEAR = 16.0 * EPS
 """A contact within this part of the positions that its place follows from stands on a border."""
 
 
-class Stretches(NamedTuple):
-    """The M + 1 stretches into which M borders divide the track."""
-
-    borders: np.ndarray
-    """Positions on the track, increasing, shape (M,) [m]."""
-    grip: np.ndarray
-    """Factor of each stretch on friction, forward and backward, shape (2, M + 1)."""
-    pressed: np.ndarray
-    """Further factor of each stretch on friction that follows from the weight, shape (M + 1,)."""
-    rise: np.ndarray
-    """Sine of the slope of each stretch less that of the track, shape (M + 1,)."""
-    follows: np.ndarray
-    """Whether the friction of each contact follows from its weight, shape (N,)."""
-    weight: np.ndarray
-    """Weight of each contact, shape (N,) [N]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Track:
     """Ground that changes with place: M borders divide the track into M + 1 stretches.
@@ -39,27 +21,31 @@ class Track:
     the forward bound is that of the stretch ahead, the backward bound that of the stretch behind.
 
     Attributes:
-        stretches: what each stretch does to friction and loads.
+        borders: positions on the track, increasing, shape (M,) [m].
+        grip: factor of each stretch on friction, forward and backward, shape (2, M + 1).
+        pressed: further factor of each stretch on friction that follows from the weight, shape (M + 1,).
+        rise: sine of the slope of each stretch less that of the track, shape (M + 1,).
+        follows: whether the friction of each contact follows from its weight, shape (N,).
+        weight: of each contact, shape (N,) [N].
     """
 
-    stretches: Stretches
-
-    @property
-    def borders(self) -> np.ndarray:
-        """Positions on the track, increasing, shape (M,) [m]."""
-        return self.stretches.borders
+    borders: np.ndarray
+    grip: np.ndarray
+    pressed: np.ndarray
+    rise: np.ndarray
+    follows: np.ndarray
+    weight: np.ndarray
 
     @property
     def factor(self) -> np.ndarray:
         """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N)."""
-        stretches = self.stretches
-        pressed = np.where(stretches.follows, stretches.pressed[:, None], 1.0)
-        return np.asarray(stretches.grip[:, :, None] * pressed)
+        pressed = np.where(self.follows, self.pressed[:, None], 1.0)
+        return np.asarray(self.grip[:, :, None] * pressed)
 
     @property
     def tilt(self) -> np.ndarray:
         """Load that each stretch adds to that of the track's slope, shape (M + 1, N) [N]."""
-        return np.asarray(-self.stretches.weight * self.stretches.rise[:, None])
+        return np.asarray(-self.weight * self.rise[:, None])
 
     def find_places(self, position: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Find the places of contacts; within rounding of a border they are on it.
@@ -132,7 +118,7 @@ class Ground:
     @property
     def has_one_slope(self) -> bool:
         """Whether the slope is the same everywhere."""
-        return self.track is None or not (self.track.stretches.weight.any() and self.track.stretches.rise.any())
+        return self.track is None or not (self.track.weight.any() and self.track.rise.any())
 
     @property
     def slope_load(self) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.ground import Ground, Stretches, Track
+from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .assemble_turning import turning_friction
 from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
@@ -80,7 +80,7 @@ def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) 
     theta, track = np.radians(slope), math.radians(ground.slope)
     pressed, rise = np.cos(theta) / math.cos(track), np.sin(theta) - math.sin(track)
     rows = (frozen(borders), frozen(np.stack((forward, backward))), frozen(pressed), frozen(rise))
-    return Track(Stretches(*rows, follows, weight))
+    return Track(*rows, follows, weight)
 
 
 def weights_of(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> np.ndarray:

@@ -203,7 +203,7 @@ def build_feet(body: Body, track: Track, place: np.ndarray, bounds: np.ndarray) 
     n = body.contacts
     feet = zeros(n, FOOT)
     feet["home"], feet["place"] = body.position, place
-    feet["weight"], feet["follows"] = track.stretches.weight, track.stretches.follows
+    feet["weight"], feet["follows"] = track.weight, track.follows
     feet["forward"], feet["backward"] = bounds[:n], bounds[n : 2 * n]
     if bounds.size > 2 * n:
         feet["load"] = bounds[2 * n :]

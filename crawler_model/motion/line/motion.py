@@ -253,14 +253,16 @@ class LineMotion:
         records: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow ramps on patches of ground; they are followed once more if there was no room for all jumps."""
-        assert self.track is not None
+        track = self.track
+        assert track is not None
         assert state.feet is not None
+        stretches = track.borders, track.grip, track.pressed, track.rise
         ramps, parts = scratch
         kept, spent, room = state.copy(), account.copy(), self.body.contacts + 16
         try:
             while True:
                 jumps = zeros(room, JUMP)
-                memory = (*parts[:5], (state.feet, jumps, *self.track.stretches[:4]), None, parts[7])
+                memory = (*parts[:5], (state.feet, jumps, *stretches), None, parts[7])
                 runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
                 if runaway:
                     raise CommandError(self._describe_runaway(state, scratch, int(runaway)))

@@ -332,7 +332,7 @@ DONE, SPENT, UNSOLVED = 0, 1, 2
 
 
 class Terrain(NamedTuple):
-    """Patches of ground under a body, the stretches of ground as in `body.ground.Stretches`."""
+    """Patches of ground under a body, the stretches of ground as in `body.ground.Track`."""
 
     feet: np.ndarray
     """FOOT, shape (N,)."""
