@@ -30,52 +30,42 @@ class Ran(Protocol):
     @property
     def scene(self) -> Plan:
         """The scene."""
-        ...
 
     @property
     def method(self) -> str:
         """The method of integration."""
-        ...
 
     @property
     def rate(self) -> float:
         """Ticks per second [Hz]."""
-        ...
 
     @property
     def time(self) -> np.ndarray:
         """Times of the start and of the end of each tick, shape (T,) [s]."""
-        ...
 
     @property
     def displacement(self) -> np.ndarray:
         """X at these times, shape (T, N), in the plane (T, N, 2) [m]."""
-        ...
 
     @property
     def tension(self) -> np.ndarray:
         """Tensions, shape (T, S), in the plane (T, S, 2) [N]."""
-        ...
 
     @property
     def net_translation(self) -> np.ndarray:
         """Y, shape (T,), in the plane (T, 2) [m]."""
-        ...
 
     @property
     def yaw(self) -> np.ndarray:
         """Angles of the heading, shape (T,) [rad]."""
-        ...
 
     @property
     def contact_state(self) -> np.ndarray:
         """Directions of the contacts, int8, shape (T, N)."""
-        ...
 
     @property
     def energies(self) -> TickEnergies:
         """Energies by tick."""
-        ...
 
 
 class _Group(NamedTuple):
@@ -275,10 +265,7 @@ class TrajectoryColumns:
         scene, body = self.scene, self.scene.body
         columns, track = scene.columns, scene.ground.track
         lengths, load = body.lengths, np.zeros(x.shape)
-        if columns.planar is None:
-            frictions = 2 * body.contacts
-        else:
-            frictions = columns.frictions
+        frictions = 2 * body.contacts if columns.planar is None else columns.frictions
         target = columns.target(commands)
         if track is not None:
             places = track.find_places(np.tile(body.position, len(x)), x.ravel()).reshape(x.shape)
