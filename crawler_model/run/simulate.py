@@ -107,14 +107,12 @@ class _Run:
     def __init__(self, crawler: Crawler, ticks: int) -> None:
         body = crawler.body
         self.crawler = crawler
-        self.start = crawler.copy()
         self.ticks = ticks
         self.time_ns = np.zeros(ticks + 1, np.int64)
         self.x = np.empty((ticks + 1, *body.position.shape))
         self.tension = np.empty((ticks + 1, *crawler.tension.shape))
         self.state = np.zeros((ticks + 1, body.contacts), np.int8)
         self.x[0], self.tension[0] = crawler.displacement, crawler.tension
-        self.waypoint_ns: list[int] = [0]
         self.waypoint_row: list[int] = [0]
         self.waypoint_x: list[np.ndarray] = [crawler.displacement]
         self.waypoint_rest: list[np.ndarray] = [np.zeros(body.position.shape)]
@@ -165,7 +163,6 @@ class _Run:
         self.last = (x[-1].copy(), rest[-1].copy())
         for i, ns, row in zip(at, vertex_ns[at], way_rows, strict=True):
             if ns > 0 and (drive.period is None or row == 0):
-                self.waypoint_ns.append(int(ns))
                 self.waypoint_row.append(int(row))
                 self.waypoint_x.append(x[i].copy())
                 self.waypoint_rest.append(rest[i].copy())
@@ -199,12 +196,11 @@ class _Run:
         per_period = self._gains(way_x)
         way_time = drive.times[self.waypoint_row]
         if drive.period is not None:
-            way_time = drive.period * np.arange(len(self.waypoint_ns))
+            way_time = drive.period * np.arange(len(self.waypoint_row))
         if drive.holds and self.ticks > 0:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
             self.waypoint_yaw.append(float(self.yaw[-1]))
-        start, end = self.energy_of(self.start), self.energy_of(self.crawler)
         total = self.total
         margin, when = self.stability or (None, None)
         work, dissipation, loads_work = self.spent.T.copy()
@@ -231,7 +227,7 @@ class _Run:
             energy=Energy(
                 float(total.work),
                 float(total.dissipation),
-                float(end - start),
+                self.energy_of(self.crawler) - float(self.stored[0]),
                 float(total.residual),
                 self.peak,
                 float(total.loads_work),
