@@ -9,7 +9,7 @@ import os
 import resource
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -273,24 +273,20 @@ def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
 @functools.cache
 def _sources_hash() -> str:
     """Hash the names and contents of the files that kernels are built from."""
-    root = Path(__file__).parent
-    digest = hashlib.sha256()
-    for file in sorted({file for pattern in _SOURCES for file in root.glob(pattern)}):
-        content = file.read_bytes()
-        digest.update(f"{file.relative_to(root)} {len(content)}\n".encode())
-        digest.update(content)
-    return digest.hexdigest()[:24]
+    return _hash_files(Path(__file__).parent, _SOURCES)
 
 
 @functools.cache
 def _folder_hash(folder: Path) -> str:
     """Hash the files beside a kernel of another package, which may use them and this package alone; else empty."""
-    if Path(__file__).parent in (folder, *folder.parents):
-        return ""
+    return "" if Path(__file__).parent in (folder, *folder.parents) else _hash_files(folder, ("*.py",))
+
+
+def _hash_files(folder: Path, patterns: Iterable[str]) -> str:
     digest = hashlib.sha256()
-    for file in sorted(folder.glob("*.py")):
+    for file in sorted({file for pattern in patterns for file in folder.glob(pattern)}):
         content = file.read_bytes()
-        digest.update(f"{file.name} {len(content)}\n".encode())
+        digest.update(f"{file.relative_to(folder)} {len(content)}\n".encode())
         digest.update(content)
     return digest.hexdigest()[:24]
 
