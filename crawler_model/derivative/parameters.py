@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -178,16 +179,11 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
             found[name], jumps[p] = _differentiate_alone(scene, name, origin[name], changing[name], caller)
     stacked = np.stack([found[name] for name in names], axis=-1)
     shapes = [np.shape(array) for array in _arrays(scene)]
-    parts: list[np.ndarray] = []
-    first = 0
-    for shape in shapes:
-        size = int(np.prod(shape))
-        parts.append(np.ascontiguousarray(stacked[first : first + size].reshape(*shape, len(names))))
-        first += size
-    values = np.array(list(origin.values()))
+    rows = np.split(stacked, np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+    parts = [part.reshape(*shape, len(names)) for shape, part in zip(shapes, rows, strict=True)]
     stiffness, pieces, targets, start, times, period, position, rest, offset = parts
-    shapes_of_plane = position, rest, offset
-    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], *shapes_of_plane, jumps)
+    values, of_plane = np.array(list(origin.values())), (position, rest, offset)
+    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], *of_plane, jumps)
 
 
 def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) -> Derivatives:
