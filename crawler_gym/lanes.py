@@ -49,17 +49,7 @@ class Lanes:
         """
         self.spec, self.count = spec, count
         scene, actions = spec.scene, len(spec.actions.names)
-        self.shared = build_shared(
-            scene,
-            spec.actions,
-            spec.task,
-            spec.spans,
-            spec.price,
-            spec.rate,
-            spec.steps,
-            spec.ranges.most_delay + 1,
-        )
-        shared = self.shared
+        shared = self.shared = build_shared(spec)
         self._memory = np.zeros((count, shared.lane_at[-1]))
         self._clocks = np.zeros((count, 4), np.int64)
         self.actions = np.zeros((count, actions))
@@ -194,10 +184,8 @@ class Lanes:
     def _complete(self, which: np.ndarray, first: bool) -> None:
         """Add the readings that kernels do not read, and observe."""
         shared, scene = self.shared, self.spec.scene
-        joints = view(self._memory, shared, plan.JOINTS)
-        joints = view(self._memory, shared, plan.JOINTS, 3, joints.shape[1] // 3)
-        feet = view(self._memory, shared, plan.FEET)
-        feet = view(self._memory, shared, plan.FEET, 3, feet.shape[1] // 3)
+        joints = view(self._memory, shared, plan.JOINTS).reshape(self.count, 3, -1)
+        feet = view(self._memory, shared, plan.FEET).reshape(self.count, 3, -1)
         if self._has_kernel:
             body, springs = scene.body, self._bodies[1]
             for m in which.tolist():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,8 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE
 from crawler_ros.wire.states import StationReader, shown_contacts
 
-from .actions import Actions
-from .bounds import Spans
 from .kernel import plan
-from .task import Task
+from .spec import Spec
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,32 +31,24 @@ class Shared:
     lane_at: np.ndarray
 
 
-def build_shared(
-    scene: Scene, actions: Actions, task: Task, spans: Spans, price: float, rate: Fraction, steps: int, slots: int
-) -> Shared:
+def build_shared(spec: Spec) -> Shared:
     """Collect what all lanes of a scene share.
 
     Args:
-        scene: the scene.
-        actions: its free columns.
-        task: the task.
-        spans: bounds and scales of observations.
-        price: price of work [m/J].
-        rate: steps per second [Hz].
-        steps: steps of an episode; 0 for no limit.
-        slots: number of actions that a lane remembers.
+        spec: the settings of the environments.
 
     Returns:
         The arrays.
     """
+    scene, actions, task, spans, rate = spec.scene, spec.actions, spec.task, spec.spans, spec.rate
     body, columns, axes = scene.body, scene.columns, scene.dimension
     shown = shown_contacts(body)
     stations = Readout(body, shown).joints if axes == 1 else np.zeros((0, 3), np.int64)
     frictions = actions.free[actions.free >= columns.lengths]
-    floats: list[Any] = [actions.limits, columns.factor, place_weights(scene)]
-    floats += [np.stack((spans.bound, spans.scale)), [task.speed, task.tolerance, price, *task.direction, *task.place]]
+    goal = [task.speed, task.tolerance, spec.price, *task.direction, *task.place]
+    floats = [actions.limits, columns.factor, place_weights(scene), np.stack((spans.bound, spans.scale)), goal]
     ints = [actions.of, columns.index, stations, frictions]
-    settings = [task.kind, axes, steps, rate.numerator, rate.denominator]
+    settings = [task.kind, axes, spec.steps, rate.numerator, rate.denominator]
     joints, feet = axes * (1 + body.joints.shape[0]), axes * shown.size
     loaded = columns.slope_load is not None and axes == 1
     n, a = body.contacts, len(actions.names)
@@ -72,7 +61,7 @@ def build_shared(
         plan.JOINTS: 3 * joints,
         plan.FEET: 3 * feet,
         plan.MEMORY: axes + 3,
-        plan.QUEUE: slots * a,
+        plan.QUEUE: (spec.ranges.most_delay + 1) * a,
         plan.SIGMA: 1,
         plan.RESULT: 6,
         plan.OBSERVATION: spans.bound.size,
@@ -122,20 +111,18 @@ def _join(parts: list[Any], kind: type[np.generic]) -> tuple[np.ndarray, np.ndar
     return np.concatenate(flat), np.concatenate(([0], np.cumsum([part.size for part in flat]))).astype(np.int64)
 
 
-def view(lanes: np.ndarray, shared: Shared, which: int, *shape: int) -> np.ndarray:
+def view(lanes: np.ndarray, shared: Shared, which: int) -> np.ndarray:
     """View a part of many lanes.
 
     Args:
         lanes: their memory, shape (M, B).
         shared: what they share.
         which: the part.
-        *shape: shape of the part of one lane; one axis if left out.
 
     Returns:
-        Shape (M, ...).
+        Shape (M, size of the part).
     """
-    part = lanes[:, shared.lane_at[which] : shared.lane_at[which + 1]]
-    return part.reshape(lanes.shape[0], *shape) if shape else part
+    return lanes[:, shared.lane_at[which] : shared.lane_at[which + 1]]
 
 
 def fill_at_rest(lanes: np.ndarray, shared: Shared, assembly: Any) -> None:
