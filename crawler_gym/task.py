@@ -84,23 +84,16 @@ def build_task(
     for key, value in given.items():
         if value is not None and name != _OF_TASK[key]:
             raise CrawlerError(f"{key}: {value!r}, but the task is {name}; only the task {_OF_TASK[key]} takes it")
-    axes = scene.dimension
-    unit = np.ones(1) if name == "reach" and axes == 1 else np.array([1.0, 0.0])[:axes]
-    if name != "reach":
-        unit = _direction(scene, name, direction, tilts)
-    elif direction is not None:
-        raise CrawlerError(f"direction: {direction!r}, but the task is reach, whose direction is that of its place")
-    length = length_of(scene.body)
-    goal = np.zeros(axes)
     if name == "reach":
+        if direction is not None:
+            raise CrawlerError(f"direction: {direction!r}, but the task is reach, whose direction is that of its place")
+        length = length_of(scene.body)
         goal = _place(scene, place, length)
-    return Task(
-        name,
-        unit,
-        0.0 if name != "speed" else _positive("speed", speed, 0.25 * stroke_speed, "m/s"),
-        goal,
-        0.0 if name != "reach" else _positive("tolerance", tolerance, 0.01 * length, "m"),
-    )
+        unit = np.array([1.0, 0.0])[: scene.dimension]
+        return Task(name, unit, 0.0, goal, _positive("tolerance", tolerance, 0.01 * length, "m"))
+    unit = _direction(scene, name, direction, tilts)
+    steady = _positive("speed", speed, 0.25 * stroke_speed, "m/s") if name == "speed" else 0.0
+    return Task(name, unit, steady, np.zeros(scene.dimension), 0.0)
 
 
 def _direction(scene: Scene, name: str, direction: float | None, tilts: bool) -> np.ndarray:
