@@ -32,6 +32,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         spec_of_crawler: the settings.
         action_names: the command that each action moves.
         drawn: the values drawn for the present episode; as options of `reset` they repeat it.
+        lanes: the state, as that of one of many environments.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012
@@ -70,11 +71,6 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _build(self) -> None:
         self._attach(Lanes(self.spec_of_crawler, 1, logs=True, threads=1))
         self._begun = False
-
-    @property
-    def lanes(self) -> Lanes:
-        """The state, as that of one of many environments."""
-        return self._lanes
 
     @property
     def displacement(self) -> np.ndarray:
@@ -118,7 +114,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._observation.copy(), info
 
     def _attach(self, lanes: Lanes) -> None:
-        self._lanes = lanes
+        self.lanes = lanes
         self._action, self._observation = lanes.actions, lanes.observations[0]
         self._result = lanes.results[0]
 
@@ -148,7 +144,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._action[0] = action
         if find_bad(self._action) >= 0:
             raise CommandError(describe_bad(action, self.action_names))
-        self._lanes.step()
+        self.lanes.step()
         if self.render_mode == "human":
             self.render()
         reward, gained, work, along, terminated, truncated = self._result.tolist()

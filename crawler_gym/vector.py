@@ -28,6 +28,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         spec_of_crawler: the settings.
         action_names: the command that each action moves.
         drawn: the values drawn for the present episode of each environment.
+        lanes: their states.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -81,15 +82,10 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._seeds = np.full(num_envs, -1, dtype=object)
         self.drawn: list[dict[str, Any]] = [{} for _ in range(num_envs)]
         self._all = np.arange(num_envs)
-        self._lanes = Lanes(self.spec_of_crawler, num_envs, threads=threads)
+        self.lanes = Lanes(self.spec_of_crawler, num_envs, threads=threads)
         self._begun = False
         self._over = np.zeros(num_envs, np.bool_)
         self._pictures: list[Any] = []
-
-    @property
-    def lanes(self) -> Lanes:
-        """The states."""
-        return self._lanes
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -129,20 +125,20 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if which.size < self.num_envs:
                 _check_partial(spec.ranges, self.spec_of_crawler.ranges)
         self._seed([seeds[m] if m in which else None for m in range(self.num_envs)] if seed is not None else seeds)
-        before = self._lanes, self.spec_of_crawler
+        before = self.lanes, self.spec_of_crawler
         if options and which.size == self.num_envs:
-            self._lanes = Lanes(spec, self.num_envs, threads=self._threads)
-        self.spec_of_crawler = self._lanes.spec = spec
+            self.lanes = Lanes(spec, self.num_envs, threads=self._threads)
+        self.spec_of_crawler = self.lanes.spec = spec
         try:
             self._begin(which)
         except CrawlerError:  # an invalid scene: the episodes before go on
             before[0].spec = before[1]
-            self._lanes, self.spec_of_crawler = before
+            self.lanes, self.spec_of_crawler = before
             raise
-        if before[0] is not self._lanes:
+        if before[0] is not self.lanes:
             before[0].close()
         self._begun = True
-        return self._lanes.observations.copy(), self._info(which) | self._drawn_info(which)
+        return self.lanes.observations.copy(), self._info(which) | self._drawn_info(which)
 
     def _read_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None or isinstance(seed, (int, np.integer)):
@@ -175,7 +171,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _begin(self, which: np.ndarray) -> None:
         ranges = self.spec_of_crawler.ranges
         drawn = [ranges.draw(self._randoms[m]) for m in which] if ranges.ranges else [{}] * which.size
-        self._lanes.reset(which, drawn)
+        self.lanes.reset(which, drawn)
         for m, values in zip(which.tolist(), drawn, strict=True):
             self.drawn[m] = values
         self._over[which] = False
@@ -196,7 +192,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         if not self._begun:
             raise CrawlerError("step: no episode has begun; call reset first")
-        lanes = self._lanes
+        lanes = self.lanes
         lanes.actions[:] = read_action(actions, self._shape)
         if find_bad(lanes.actions) >= 0:
             raise CommandError(describe_bad(lanes.actions, self.action_names))
@@ -222,7 +218,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         which = np.flatnonzero(self._over)
         last = np.full(self.num_envs, None, dtype=object)
         for m in which.tolist():
-            last[m] = self._lanes.observations[m].copy()
+            last[m] = self.lanes.observations[m].copy()
         mask = self._mask(which)
         final = self._info(which)
         self._begin(which)
@@ -236,7 +232,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _info(self, which: np.ndarray) -> dict[str, Any]:
         """Report the results of some environments, as Gymnasium's vector environments do."""
-        results, mask, info = self._lanes.results, self._mask(which), {}
+        results, mask, info = self.lanes.results, self._mask(which), {}
         for key, column in (("net_translation", ALONG), ("gained", GAINED), ("work", SPENT)):
             values = np.zeros(self.num_envs)
             values[which] = results[which, column]
@@ -262,7 +258,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         if not self._pictures:
             self._pictures = [Picture(self.spec_of_crawler, False)]
-        return tuple(self._pictures[0].draw(self._lanes, m) for m in range(self.num_envs))
+        return tuple(self._pictures[0].draw(self.lanes, m) for m in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads.
@@ -270,7 +266,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Args:
             **kwargs: not used.
         """
-        self._lanes.close()
+        self.lanes.close()
         for picture in self._pictures:
             picture.close()
         self._pictures = []
