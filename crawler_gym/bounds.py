@@ -49,7 +49,8 @@ def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate:
     tension, most = _tensions(scene, actions, ranges)
     stiffness = body.stiffness * ranges.ranges.get("stiffness", (1.0, 1.0))[0]
     give = tension / stiffness
-    stroke, change = _lengths(scene, actions)
+    size, low, high = actions.limits
+    stroke, change = _largest(scene, high - low), _largest(scene, size)
     elongation = body.joint_sum(most + give)
     way = 2.0 * float((change + 2.0 * give).sum())
     frictions = actions.free[actions.free >= scene.columns.lengths]
@@ -65,12 +66,6 @@ def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate:
     scale += [np.full(feet * axes, step * rate), actions.limits[2, frictions], np.full(task.errors, typical)]
     room = 1.0 + 6.0 * ranges.ranges.get("noise", (0.0, 0.0))[1]
     return Spans(room * np.concatenate(bound) * (1.0 + 1e-9) + 1e-12, np.concatenate(scale))
-
-
-def _lengths(scene: Scene, actions: Actions) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the stroke of each spring, and the largest change of its rest length in a step, each of shape (S,)."""
-    size, low, high = actions.limits
-    return _largest(scene, high - low), _largest(scene, size)
 
 
 def _largest(scene: Scene, row: np.ndarray) -> np.ndarray:

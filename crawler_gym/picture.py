@@ -61,15 +61,14 @@ class Picture:
             draw_body(axis, scene, x, lanes.row(m)[: scene.columns.links])
         except CrawlerError:
             _draw_plainly(axis, scene, x)
-        middle = float(np.mean(scene.body.position[..., 0] + x[..., 0])) if x.ndim == 2 else 0.0
-        if x.ndim == 1:
-            middle = float(np.mean(scene.body.position + x))
+        place = scene.body.position + x
+        middle = float(np.mean(place if place.ndim == 1 else place[:, 0]))
         reach = float(np.ptp(scene.body.position, axis=0).max())
         axis.set_xlim(middle - 1.5 * reach, middle + 1.5 * reach)
-        if self._spec.task.name == "reach" and x.ndim == 1:
-            away = float(self._spec.task.place[0] - lanes.results[m, ALONG])
-            axis.axvline(middle + away, color="#2a7f3b", linewidth=1.0, linestyle="--")
         along = float(lanes.results[m, ALONG])
+        if self._spec.task.name == "reach" and x.ndim == 1:
+            away = float(self._spec.task.place[0]) - along
+            axis.axvline(middle + away, color="#2a7f3b", linewidth=1.0, linestyle="--")
         axis.set_title(f"{self._spec.task.name}: step {lanes.steps_done(m)}, {along:.4g} m", fontsize=9)
         self._figure.canvas.draw()
         if self._window:
