@@ -45,6 +45,7 @@ class Certificate:
     rounding: float = 0.0
 
 
+@dataclass(eq=False, repr=False, slots=True)
 class Step:
     """The account of one or more ramps.
 
@@ -54,23 +55,10 @@ class Step:
         jumps: of contacts that crossed a border onto ground that holds less, in order.
     """
 
-    __slots__ = ("_share", "account", "jumps", "velocity")
-
-    def __init__(
-        self, velocity: np.ndarray, account: np.ndarray, share: np.ndarray, jumps: tuple[Jump, ...] = ()
-    ) -> None:
-        """Store the output of the kernel; the properties read from it.
-
-        Args:
-            velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-            account: account of the ramps, shape (14,).
-            share: weight of each contact in the net translation, shape (N,).
-            jumps: in order.
-        """
-        self.jumps = jumps
-        self.velocity = velocity
-        self.account = account
-        self._share = share
+    velocity: np.ndarray
+    account: np.ndarray
+    _share: np.ndarray  # of each contact in the net translation, shape (N,)
+    jumps: tuple[Jump, ...] = ()
 
     @property
     def events(self) -> int:
