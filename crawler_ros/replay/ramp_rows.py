@@ -72,7 +72,7 @@ class RampRows:
         crawler: Crawler,
         step: Step | None,
     ) -> None:
-        """Add a ramp that was just followed.
+        """Add a ramp that was just followed, or a tick in which nothing was commanded.
 
         Args:
             run: number of the run between resets.
@@ -82,7 +82,7 @@ class RampRows:
             row: the command at its end.
             target: the same for every spring and contact.
             crawler: the crawler at its end.
-            step: the response to this ramp; None where nothing was commanded.
+            step: the response to this ramp; None where nothing was commanded, and nothing moved.
         """
         self.run.append(run)
         self.start_ns.append(start_ns)
@@ -93,7 +93,7 @@ class RampRows:
         self._x.append(crawler.displacement.copy())
         self._shape.append(crawler.shape.copy())
         self._tension.append(crawler.tension.copy())
-        self._gained.append(crawler.gained.copy())
+        self._gained.append(np.zeros_like(crawler.gained) if step is None else crawler.gained.copy())
         self._places.append(crawler.places)
         self._accounts.append(_NO_ACCOUNT if step is None else step.account)
         if crawler.body.turning is not None:  # they depend on the frames of the points
@@ -104,20 +104,6 @@ class RampRows:
         for jump in () if step is None else step.jumps:
             when = (start_ns + jump.part * (end_ns - start_ns)) / NS
             self._jumps.append((run, TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss)))
-
-    def hold(self, run: int, start_ns: int, end_ns: int, row: np.ndarray, target: np.ndarray, crawler: Crawler) -> None:
-        """Add a tick in which nothing was commanded, as `add` adds a ramp.
-
-        Args:
-            run: number of the run between resets.
-            start_ns: simulated time at its start [ns].
-            end_ns: simulated time at its end [ns].
-            row: the command in force, shape (C,).
-            target: the same by spring and contact.
-            crawler: the crawler at its end.
-        """
-        self.add(run, start_ns, end_ns, True, row, target, crawler, None)
-        self._gained[-1] = np.zeros_like(self._gained[-1])
 
     def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:
         """Add the contents of the topics at the end of a tick.

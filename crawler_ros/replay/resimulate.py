@@ -267,14 +267,14 @@ class Resimulation:
             self._row, self._target, before = row, target, until
         if not points:
             crawler.follow(self._target[None][:0])
-            rows.hold(self._run, stamp, end, self._row, self._target, crawler)
+            rows.add(self._run, stamp, end, True, self._row, self._target, crawler, None)
         rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
         self._last_ns, self._end_ns, self._ticked = stamp, end, True
 
     def _send_start(self) -> None:
         """Send the state at the start of a run to the sinks, as a ramp without duration."""
         rows = RampRows(self._scene, self._widths)
-        rows.hold(self._run, self._end_ns, self._end_ns, self._row, self._target, self._crawler)
+        rows.add(self._run, self._end_ns, self._end_ns, True, self._row, self._target, self._crawler, None)
         rows.read(self._readout, self._crawler, np.nan if self._begin_ns else np.inf)
         self._send(rows)
 
