@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -218,9 +219,6 @@ class Health:
 
     complete: bool
     counts: dict[str, int]
-    types: dict[str, str]
-    first_ns: int
-    last_ns: int
 
 
 def examine(path: Path) -> Health:
@@ -230,21 +228,14 @@ def examine(path: Path) -> Health:
         path: a bag folder or an .mcap file.
 
     Returns:
-        The counts, types and times found.
+        The counts.
 
     Raises:
         BagError: when the file is not a recording.
     """
     bag = Bag({})
-    counts: dict[str, int] = {}
-    types: dict[str, str] = {}
-    first, last = 0, 0
-    for record in read(path, bag):
-        counts[record.topic] = counts.get(record.topic, 0) + 1
-        types[record.topic] = record.type
-        first = min(first or record.log_ns, record.log_ns)
-        last = max(last, record.log_ns)
-    return Health(bag.complete, counts, types, first, last)
+    counts = Counter(record.topic for record in read(path, bag))
+    return Health(bag.complete, dict(counts))
 
 
 def newest(path: Path) -> Path:
