@@ -59,7 +59,6 @@ class Stage:
             self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
             self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part
             self._panels: list[Panel] = []
-            self._moving: list[tuple[Axes, Artist]] = []
             timed = self._build()
             self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold", parse_math=False)
             for panel in self._panels:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,11 +22,10 @@ class Outlet:
         # Publisher.publish calls this with bytes after checking their type, which takes as long again
         self.publish = None if publisher is None else publisher.handle.publish_raw
         """Publishes the bytes of a message; None if the topic is not published."""
-        self._record = None if recorder is None or channel is None else recorder.record
-        self._now_ns = time.time_ns if recorder is None else recorder.now_ns
+        self._recorder = None if channel is None else recorder
         self.channel = -1 if channel is None else channel
         """The channel of the recording; -1 if the topic is not recorded."""
-        self.recorded = self._record is not None
+        self.recorded = channel is not None
         """Whether the topic is recorded."""
         self.wanted = self.publish is not None or self.recorded
         self._publisher = publisher
@@ -53,9 +51,9 @@ class Outlet:
             data: its CDR bytes.
         """
         self.last = data
-        if self._record is not None:
-            now = self._now_ns()
-            self._record(self.channel, now, now, data)
+        if self._recorder is not None:
+            now = self._recorder.now_ns()
+            self._recorder.record(self.channel, now, now, data)
 
     def is_heard(self) -> bool:
         """Determine whether a message that is published now can be received: at once, or later if it is latched."""

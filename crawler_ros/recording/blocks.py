@@ -176,8 +176,6 @@ def _records(stream: IO[bytes]) -> Iterator[Any]:
                 yield Message.read(ReadDataStream(BytesIO(data)), length)
             elif opcode in _READERS:
                 yield _READERS[opcode](ReadDataStream(BytesIO(data)))
-        except BagError:
-            raise
         except Exception:  # any error of the parser on damaged bytes: the readable part ends here
             return
         if opcode == Opcode.FOOTER:

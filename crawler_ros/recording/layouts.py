@@ -150,8 +150,6 @@ class Decoder:
         """
         self.topic = topic
         self.names: tuple[str, ...] | None = None
-        self.single = 0
-        """Number of messages that had to be read one by one."""
         self._kind = kind
         self._layouts: dict[int, Layout] = {}
 
@@ -188,7 +186,6 @@ class Decoder:
             if same.any():
                 groups.append((at[same], *_read(layout, table[same])))
             for row in np.flatnonzero(~same):
-                self.single += 1
                 own, plain = self._find(table[row].tobytes())
                 groups.append((at[row : row + 1], *_read(own, np.frombuffer(plain, np.uint8)[None])))
         return groups

@@ -51,7 +51,6 @@ class Curves:
         self._rows = divide(np.arange(n + 1.0), min(n, MOST_ROWS))
         self._links = divide(np.arange(links + 1.0), min(links, MOST_ROWS)) if links > MOST_BANDS else None
         self._share = body.station_share
-        self._last_colors = b""
         self.commands = _choose_commands(scene)
         self._log_names(n, links)
 

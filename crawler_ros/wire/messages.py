@@ -214,20 +214,18 @@ class OdometryMessage:
 class TrajectoryMessage:
     """A trajectory_msgs/JointTrajectory with fixed names and any number of points, positions only."""
 
-    def __init__(self, names: Sequence[str], frame: str = "") -> None:
+    def __init__(self, names: Sequence[str]) -> None:
         """Store the parts that do not change.
 
         Args:
             names: the M joint names.
-            frame: the header's frame_id.
         """
         self._names = list(names)
-        self._frame = frame
         self._layouts: dict[int, tuple[bytearray, int, list[np.ndarray], list[int]]] = {}
 
     def _layout(self, points: int) -> tuple[bytearray, int, list[np.ndarray], list[int]]:
         cdr = CdrWriter()
-        stamp = cdr.header(self._frame)
+        stamp = cdr.header("")
         cdr.texts(self._names)
         cdr.pack("I", points)
         positions, times = [], []

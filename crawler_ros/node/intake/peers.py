@@ -83,17 +83,16 @@ def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
     return [(bytes(i.endpoint_gid), f"{i.node_namespace.rstrip('/')}/{i.node_name}") for i in found]
 
 
-def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]], own: int = 1) -> str:
+def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
     """Describe publishers of a crawler's states besides its own.
 
     Args:
         topics: the publishers of each topic, by its name.
-        own: how many publishers it should have.
 
     Returns:
         A line; empty when there are none.
     """
-    crowded = [name for name, found in topics.items() if len(found) > own]
+    crowded = [name for name, found in topics.items() if len(found) > 1]
     if not crowded:
         return ""
     return f"another node publishes {', '.join(crowded)} here: two crawlers need two namespaces"
