@@ -10,6 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from crawler_model import CrawlerError
+
 from ...wire.definitions import find_ament_prefix
 from .leave import leave_at_once, open_closed_streams
 from .log_pipe import unblocked_log
@@ -104,11 +106,7 @@ def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words
             return 1
         try:
             spin(node)
-        except Exception as error:
-            from crawler_model import CrawlerError
-
-            if not isinstance(error, CrawlerError):
-                raise
+        except CrawlerError as error:
             print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
             return 1
         return 0
