@@ -17,6 +17,7 @@ from crawler_model.body.names import name_contacts, name_joints, name_links
 from ...wire.states import contact_names
 from ..analysis import Replay
 from ..ramps import Piece
+from ..slips import sliding
 
 _AXES = ("x", "y")
 _FOUND: dict[str, list[tuple[str, Any, str]]] = {
@@ -142,11 +143,8 @@ class TableWriter:
         numbers = [work, loads_work, dissipation, jump_loss, piece.stored[rows], piece.margin[rows], visited, unique]
         numbers += [np.full(rows.size, np.nan) if piece.yaw is None else piece.yaw[rows]] * self._turns
         self._write("ticks", [*at, *self._axes(piece.net_translation[rows]), *numbers])
-        size = np.abs(gained) if gained.ndim == 2 else np.linalg.norm(gained, axis=2)
-        moves = size > 1e-12 * size.max(axis=1, initial=0.0, keepdims=True)
-        state = (np.sign(gained) * moves if gained.ndim == 2 else moves).astype(np.int8)
         lengths = [piece.position[rows], gained, piece.ground[rows]]
-        self._write_long("contacts", at, [a for v in lengths for a in self._axes(v)] + [state])
+        self._write_long("contacts", at, [a for v in lengths for a in self._axes(v)] + [sliding(gained)])
         self._write_links(piece, rows, at)
 
     def _write_links(self, piece: Piece, rows: np.ndarray, at: list[np.ndarray]) -> None:
@@ -170,11 +168,10 @@ class TableWriter:
             self._names = {"contacts": [n.removesuffix("/x") for n in names]}
             self._names |= {"links": both[:count], "joints": both[count:]}
         for name in ("ticks", "contacts", "links", *["joints"] * self._turns):
-            self._open_one(name)
+            self._open_one(name, _schema(name, self._planar, self._turns))
 
-    def _open_one(self, name: str, schema: pa.Schema | None = None) -> None:
-        path, schema = self._folder / f"{name}.parquet", schema or _schema(name, self._planar, self._turns)
-        self._writers[name] = parquet.ParquetWriter(path, schema, compression="zstd")
+    def _open_one(self, name: str, schema: pa.Schema) -> None:
+        self._writers[name] = parquet.ParquetWriter(self._folder / f"{name}.parquet", schema, compression="zstd")
 
     def _axes(self, values: np.ndarray) -> list[np.ndarray]:
         return [values[..., 0], values[..., 1]] if self._planar else [values]
@@ -201,19 +198,15 @@ class TableWriter:
         """
         if not self._writers:
             self._open(0, 0)
-        for name, table in (("slips", slips_table(replay)), ("cycles", cycles_table(replay))):
-            self._open_one(name, table.schema)
-            self._writers[name].write_table(table)
+        tables = {"slips": slips_table(replay), "cycles": cycles_table(replay)}
         if self._turns or (self._scene is not None and self._scene.ground.track is not None):
-            self._open_one("jumps")
-            jumps = replay.plain_jumps()
-            self._write("jumps", [[jump[field.name] for jump in jumps] for field in _schema("jumps", self._planar)])
+            tables["jumps"] = _table_of_rows("jumps", self._planar, replay.plain_jumps())
         refusals = () if replay.incidents is None else replay.incidents.refusals
         found = {"rests": [rest.as_plain() for rest in replay.rests], "refusals": [asdict(r) for r in refusals]}
-        for name, plain in found.items():
-            if plain:
-                self._open_one(name)
-                self._write(name, [[row[field.name] for row in plain] for field in _schema(name, self._planar)])
+        tables |= {name: _table_of_rows(name, self._planar, rows) for name, rows in found.items() if rows}
+        for name, table in tables.items():
+            self._open_one(name, table.schema)
+            self._writers[name].write_table(table)
         for writer in self._writers.values():
             writer.close()
         return [f"{name}.parquet" for name in self._writers]
@@ -244,10 +237,11 @@ def cycles_table(replay: Replay) -> pa.Table:
     Returns:
         A row for each cycle.
     """
-    planar, turns = _is_planar(replay), replay.turns
-    rows = [_cycle_row({"turned": None, **cycle.as_plain()}, planar, turns) for cycle in replay.cycles]
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    return _table("cycles", planar, columns or [[]] * len(_schema("cycles", planar, turns)), turns)
+    planar = _is_planar(replay)
+    rows = [{"turned": None, **cycle.as_plain()} for cycle in replay.cycles]
+    for row in rows if planar else ():
+        row["translation_x"], row["translation_y"] = row["translation"]
+    return _table_of_rows("cycles", planar, rows, replay.turns)
 
 
 def _is_planar(replay: Replay) -> bool:
@@ -265,7 +259,5 @@ def _table(name: str, planar: bool, columns: list[Any], turns: bool = False) -> 
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _cycle_row(plain: dict[str, Any], planar: bool, turns: bool) -> list[Any]:
-    if planar:
-        plain["translation_x"], plain["translation_y"] = plain["translation"]
-    return [plain[field.name] for field in _schema("cycles", planar, turns)]
+def _table_of_rows(name: str, planar: bool, rows: list[dict[str, Any]], turns: bool = False) -> pa.Table:
+    return _table(name, planar, [[row[field.name] for row in rows] for field in _schema(name, planar, turns)], turns)
