@@ -115,6 +115,11 @@ class Bag:
     attached: list[Attachment] = field(default_factory=list)
     """All attachments as recorded."""
 
+    def find(self, block: Block, topic: str) -> np.ndarray:
+        """Return the indices of a topic's messages in a block, shape (K,); a topic may have several channels."""
+        numbers = [number for number, (channel, _) in self.channels.items() if channel.topic == topic]
+        return np.flatnonzero(np.isin(block.channel, numbers))
+
     def _keep(self, contents: Contents) -> None:
         """Keep the attachments of a file that were read since the last call."""
         new, contents.attachments = contents.attachments, []

@@ -41,7 +41,7 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
     head = bag.Bag({})
     blocks = list(bag.read_blocks(path, head))
     robot = noted_robot(head.attachments) or robot_in("/")
-    recorded = {channel.topic: number for number, (channel, _) in head.channels.items()}
+    recorded = {channel.topic for channel, _ in head.channels.values()}
     wanted = {name: topics.get(name, robot.recorded(name)) for name in _KINDS}
     for name, given in topics.items():
         if given not in recorded:
@@ -59,10 +59,8 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
             f"{path}: no commands were recorded; name their topic with --topic applied_commands=..., "
             f"recorded are {', '.join(sorted(recorded))}"
         )
-    names, stamps, values, _ = _read(blocks, recorded[wanted[kind]], wanted[kind], JOINT_STATE)
-    columns, begin, points, after = _read(
-        blocks, recorded[wanted["applied_commands"]], wanted["applied_commands"], TRAJECTORY
-    )
+    names, stamps, values, _ = _read(blocks, head, wanted[kind], JOINT_STATE)
+    columns, begin, points, after = _read(blocks, head, wanted["applied_commands"], TRAJECTORY)
     known = channel_names(scene)
     used = [i for i, name in enumerate(names) if name in known or kind == "joint_states"]
     position = np.array([row[0] for row in values])[:, used]
@@ -113,7 +111,7 @@ def _commands(
 
 
 def _read(
-    blocks: list[bag.Block], number: int, topic: str, kind: str
+    blocks: list[bag.Block], head: bag.Bag, topic: str, kind: str
 ) -> tuple[tuple[str, ...], np.ndarray, list[list[np.ndarray]], list[np.ndarray]]:
     """Read all messages of a topic in order: names, stamps [ns], sequences of numbers, times of points [ns]."""
     decoder = Decoder(topic, kind)
@@ -121,12 +119,9 @@ def _read(
     values: list[list[np.ndarray]] = []
     after: list[np.ndarray] = []
     for block in blocks:
-        which = np.flatnonzero(block.channel == number)
-        if not which.size:
-            continue
         found = [
             (int(at[k]), times[k], [n[k] for n in numbers])
-            for at, times, numbers in decoder.read(block, which)
+            for at, times, numbers in decoder.read(block, head.find(block, topic))
             for k in range(at.size)
         ]
         for _, times, numbers in sorted(found, key=lambda one: one[0]):

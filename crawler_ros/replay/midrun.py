@@ -48,13 +48,10 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
     commands: list[tuple[int, np.ndarray]] = []
     seen: dict[int, np.ndarray] = {}
     for block in bag.read_blocks(survey.path, head):
-        names = {d.topic: c for c, (d, _) in head.channels.items()}
-        which = np.flatnonzero(block.channel == names.get(ledger.topic, -1))
-        for _, times, numbers in ledger.read(block, which) if which.size else []:
+        for _, times, numbers in ledger.read(block, head.find(block, ledger.topic)):
             ends = [next_tick_ns(int(ns), rate) for ns in times[:, 0]]
             commands += zip(ends, numbers[-1], strict=True) if numbers else ()
-        which = np.flatnonzero(block.channel == names.get(states.topic, -1))
-        for _, times, numbers in states.read(block, which) if which.size else []:
+        for _, times, numbers in states.read(block, head.find(block, states.topic)):
             seen |= dict(zip(times[:, 0].tolist(), numbers[0], strict=True))
         first = min((end for end, _ in commands), default=None)
         known = min((ns for ns in seen if first is not None and ns >= first), default=None)

@@ -53,10 +53,9 @@ def observe(
     poses: list[np.ndarray] = []
     receivers: list[Sink] = [table, *sinks]
     for block in bag.read_blocks(survey.path, head, progress):
-        names = {d.topic: c for c, (d, _) in head.channels.items()}
         read = {}
         for name, decoder in decoders.items():
-            which = np.flatnonzero(block.channel == names.get(decoder.topic, -1))
+            which = head.find(block, decoder.topic)
             if which.size:
                 read[name] = _in_order(decoder.read(block, which), which.size)
         if where in read:

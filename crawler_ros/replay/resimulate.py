@@ -110,7 +110,7 @@ class Resimulation:
             begin_ns: simulated time before which ledger messages are skipped [ns].
         """
         self.comparison = Comparison(rounding=max(_ROUNDING, tolerance_of(start.scene)))
-        self._survey, self._robot, self._rate, self._sinks = survey, robot, rate, sinks
+        self._survey, self._rate, self._sinks = survey, rate, sinks
         self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
         scene = start.scene
         self._scene, self._body = scene, scene.body
@@ -143,17 +143,14 @@ class Resimulation:
         head = bag.Bag({})
         self._send_start()
         for block in bag.read_blocks(self._survey.path, head, progress):
-            self._add_block(block, {c: self._robot.meant(d.topic) for c, (d, _) in head.channels.items()})
+            self._add_block(block, head)
             if self.comparison.stopped:
                 break
         self.comparison.unmatched += sum(len(theirs.keys) for _, theirs in self._waiting.values())
         return self.comparison
 
-    def _add_block(self, block: bag.Block, names: dict[int, str]) -> None:
-        places = {
-            name: np.flatnonzero(np.isin(block.channel, [c for c, n in names.items() if n == name]))
-            for name in self._decoders
-        }
+    def _add_block(self, block: bag.Block, head: bag.Bag) -> None:
+        places = {name: head.find(block, decoder.topic) for name, decoder in self._decoders.items()}
         read = {name: self._decoders[name].read(block, which) for name, which in places.items() if which.size}
         self._check_names()
         resets = self._find_resets(places, read)
