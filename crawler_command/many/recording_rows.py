@@ -243,14 +243,11 @@ def _two_axes(vector: np.ndarray) -> tuple[float, float | None]:
 
 def _build_run(replay: Replay, identity: Identity) -> pa.Table:
     """Build the row of `runs`, with a column for each number of the scene."""
-    numbers = {} if replay.scene is None else dict(_numbers_in(replay.scene.document(), ""))
-    units = {name: (pa.float64(), _unit_in(replay.scene, name)) for name in numbers}
+    scene = replay.scene
+    numbers = {} if scene is None else dict(_numbers_in(scene.document(), ""))
+    units = {} if scene is None else {name: (pa.float64(), unit_of(scene, name)) for name in numbers}
     row = {**_describe_file(replay, identity), **_describe_health(replay), **_describe_motion(replay), **numbers}
     return _rows([row], {**_RUNS, **units}).replace_schema_metadata({IDENTITY: json.dumps(asdict(identity))})
-
-
-def _unit_in(scene: Scene | None, name: str) -> str:
-    return "1" if scene is None else unit_of(scene, name)
 
 
 def _numbers_in(node: Any, key: str) -> Iterator[tuple[str, float]]:

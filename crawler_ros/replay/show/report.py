@@ -12,7 +12,6 @@ from crawler_pictures.numbers import write_length, write_stability
 from ..analysis import Replay
 from ..cycle_table import Cycle
 from ..health import TopicHealth
-from ..standstill import Rest
 
 _MOST_CYCLES, _MOST_CONTACTS = 6, 6
 _MOST_RESTS, _MOST_REASONS = 4, 6
@@ -157,17 +156,13 @@ def _print_limits(replay: Replay, screen: Console) -> None:
 
 
 def _print_rests(replay: Replay, screen: Console) -> None:
-    longest = sorted(sorted(replay.rests, key=lambda rest: rest.since - rest.until)[:_MOST_RESTS], key=_begin)
-    for rest in longest:
+    longest = sorted(replay.rests, key=lambda rest: rest.since - rest.until)[:_MOST_RESTS]
+    for rest in sorted(longest, key=lambda rest: (rest.run, rest.since)):
         screen.print((f"run {rest.run}: " if rest.run else "") + rest.explain())
     if len(replay.rests) > _MOST_RESTS:
         screen.print(f"{len(replay.rests) - _MOST_RESTS} shorter rest(s)")
     if replay.standstill is not None:
         screen.print(replay.standstill.explain())
-
-
-def _begin(rest: Rest) -> tuple[int, float]:
-    return rest.run, rest.since
 
 
 def _print_incidents(replay: Replay, screen: Console) -> None:
