@@ -39,18 +39,13 @@ def draw_domain(scene: Plan, png: Path) -> None:
     """
     import matplotlib
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
     contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)
     if scene.body.dimension == 2:
         draw = _draw_plane if scene.body.turning is None else draw_turning
     with matplotlib.rc_context(STYLE):
-        figure = draw(scene, run)
-        figure.savefig(png, dpi=100, pil_kwargs={"optimize": True})
-        plt.close(figure)
+        draw(scene, run).savefig(png, dpi=100, pil_kwargs={"optimize": True})
 
 
 def _draw_plane(scene: Plan, run: Trajectory) -> Figure:

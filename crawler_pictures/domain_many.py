@@ -38,13 +38,14 @@ if TYPE_CHECKING:
 
 def draw_three(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of three contacts."""
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     shown = _distinct(shown_waypoints(scene))
     columns = 2 if len(shown) == 4 else min(len(shown), 3)
     rows = -(-len(shown) // columns)
     size = (7.0, 6.8) if len(shown) == 1 else (4.2 * columns, 4.3 * rows + 0.6)
-    figure, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     path = section_path(scene, run.tension)[last_period(run)]
     limits = _limits([domain.vertices() for _, domain in shown])
@@ -189,7 +190,7 @@ def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
 
 def draw_many(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of four contacts and more: two projections and the range of each section."""
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     shown = _distinct(shown_waypoints(scene))
     path = section_path(scene, run.tension)[last_period(run)]
@@ -199,12 +200,8 @@ def draw_many(scene: Plan, run: Trajectory) -> Figure:
     pairs = list(dict.fromkeys([first, _most_variable(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
     rows: list[Any] = [names, ["ranges"] * len(names)]
-    figure, axes = plt.subplot_mosaic(
-        rows,
-        figsize=(5.6 * len(names) + 0.4, 9.0),
-        height_ratios=[2, 1.2],
-        layout="constrained",
-    )
+    figure = Figure(figsize=(5.6 * len(names) + 0.4, 9.0), layout="constrained")
+    axes = figure.subplot_mosaic(rows, height_ratios=[2, 1.2])
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     for name, pair in zip(names, pairs, strict=True):
         _draw_projections(axes[name], scene, [domain for _, domain in shown], pair, path)

@@ -30,13 +30,12 @@ def make_panels(count: int) -> tuple[Figure, np.ndarray]:
     Returns:
         The figure, and its axes, three in a row.
     """
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     columns = min(count, 3)
     rows = -(-count // columns)
-    size = (4.2 * columns, 4.4 * rows)
-    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
-    return figure, axes
+    figure = Figure(figsize=(4.2 * columns, 4.4 * rows), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def draw_path(axis: Axes, force: np.ndarray, slides: np.ndarray) -> None:

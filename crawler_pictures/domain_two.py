@@ -39,7 +39,7 @@ _LETTERS = "abcdefghi"
 
 def draw_two(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of two contacts."""
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     shown = shown_waypoints(scene)
     moves = run.time.size > 1
@@ -55,7 +55,8 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
         top = [f"box_{i}" if i < len(shown) else "." for i in range(count)]
         rows, heights = [top, ["band"] * count, ["motion"] * count], [11.0 / count + 0.3, 3.6, 2.4]
         size = (11.0, sum(heights))
-    figure, axes = plt.subplot_mosaic(rows, figsize=size, height_ratios=heights, layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplot_mosaic(rows, height_ratios=heights)
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     reach = max(float(max(domain.forward.max(), domain.backward.max())) for _, domain in shown) or 1.0
     for i, (time_s, domain) in enumerate(shown):

@@ -48,9 +48,10 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         units: unit of each unknown, by its name; "1" for none.
         png: the file to write.
     """
-    plt = _pyplot()
-    figure = plt.figure(figsize=(11, 8), layout="constrained")
-    left, right = figure.subfigures(1, 2)
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 8), layout="constrained")
+    left, right = figure.subfigures(1, 2, squeeze=False)[0]
     run, shown = _run_settled(optimum)
     if run.planar:
         above, below = left.subfigures(2, 1)
@@ -68,16 +69,6 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     title = f"{optimum.scene.name}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
     figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold", parse_math=False)
     figure.savefig(png, dpi=110)
-    plt.close(figure)
-
-
-def _pyplot() -> Any:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    return plt
 
 
 def _run_settled(optimum: Optimum) -> tuple[RunArrays, np.ndarray]:
@@ -175,12 +166,13 @@ def draw_front(front: Front, png: Path) -> None:
         front: the curve.
         png: the file to write.
     """
-    plt = _pyplot()
-    figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axis = figure.subplots()
     gains = [point.gain for point in front.points]
     costs = [point.cost_of_transport for point in front.points]
     axis.plot(costs, gains, color=TENSION, linewidth=1.0, marker="o", ms=5)
     axis.set(xlabel="cost of transport", ylabel="gain per period [m]")
     write_title(axis, f"{front.points[0].scene.name}: going far and going cheaply")
     figure.savefig(png, dpi=110)
-    plt.close(figure)

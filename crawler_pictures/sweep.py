@@ -47,14 +47,12 @@ def draw_sweep(
     Raises:
         CrawlerError: when no variation has a value of the result.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     keys = [key for key, n in zip(variations.values, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
-    figure, axes = plt.subplots(figsize=(8, 5.5 if len(keys) == 2 else 4.5), layout="constrained")
+    figure = Figure(figsize=(8, 5.5 if len(keys) == 2 else 4.5), layout="constrained")
+    axes = figure.subplots()
     unit = UNITS.get(name, "1")
     label = _WORDS.get(name, name.replace("_", " ") + (f" [{unit}]" if unit != "1" else ""))
     if runs.gained.ndim == 2 and getattr(runs, name).ndim == 2:
@@ -73,7 +71,6 @@ def draw_sweep(
     title = f"{variations.base.name}: {len(runs)} variations{stopped}"
     axes.set_title(title, fontsize=10, loc="left", parse_math=False)
     figure.savefig(png, dpi=110)
-    plt.close(figure)
 
 
 def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns, logarithmic: bool) -> None:

@@ -63,10 +63,7 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     """
     if run.time.size == 0:
         raise CrawlerError(f"{png}: there is no state to draw")
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     notes = [*run.notes, *_constants(run)]
     heights = [0.3 + 0.15 * len(notes)]
@@ -78,7 +75,7 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     if run.gains is not None:
         heights.append(2.4)
     width, dpi = (_PRINT_WIDTH, _PRINT_DPI) if two_columns else (_WIDTH, _DPI)
-    figure = plt.figure(figsize=(width, sum(heights)), layout="constrained")
+    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
     parts: list[Any] = list(np.atleast_1d(figure.subfigures(len(heights), 1, height_ratios=heights)))  # type: ignore[arg-type]
     _write_head(parts.pop(0), run.title, notes)
     if run.planar:
@@ -92,7 +89,6 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     layout.execute(figure)
     figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
     figure.savefig(png, dpi=dpi)
-    plt.close(figure)
 
 
 def _halve(panels: list[Panel]) -> list[list[Panel]]:

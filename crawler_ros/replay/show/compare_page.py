@@ -27,12 +27,10 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
         found: the comparison.
         png: the file to write.
     """
-    import matplotlib
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(2, 2, figsize=(11, 7), width_ratios=[2, 1], layout="constrained")
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    axes = figure.subplots(2, 2, width_ratios=[2, 1])
     runs = (found.first, found.second)
     labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
     _draw_translations(axes[0, 0], runs, labels, _COLORS)
@@ -53,7 +51,6 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
     axes[1, 0].set_xlabel("simulated time [s]")
     _draw_cycles(axes[:, 1], runs)
     figure.savefig(png, dpi=110)
-    plt.close(figure)
 
 
 def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
@@ -98,15 +95,13 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
         found: the comparisons of each run but the first with the first.
         png: the file to write.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     runs = [found[0].first, *(compared.second for compared in found)]
     few = len(runs) <= len(LINES)
     colors = LINES[: len(runs)] if few else ("#000000", *["#9a9a9a"] * len(found))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 2.6 + 0.22 * len(runs)), layout="constrained")
+    figure = Figure(figsize=(11, 2.6 + 0.22 * len(runs)), layout="constrained")
+    left, right = figure.subplots(1, 2)
     _draw_translations(left, runs, [run.path.name for run in runs], colors)
     left.set_xlabel("simulated time [s]")
     write_title(left, f"net translation of {len(runs)} runs" + ("" if few else f"; black: {runs[0].path.name}"))
@@ -120,4 +115,3 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     right.axvline(0.0, color="#9a9a9a", linewidth=0.8)
     right.set_xlabel("net translation in all [m]")
     figure.savefig(png, dpi=110)
-    plt.close(figure)

@@ -214,14 +214,12 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
         walks: the runs.
         png: the file to write.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), width_ratios=[3, 2], layout="constrained")
+    figure = Figure(figsize=(11, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[3, 2])
     size = max(walk.size for walk in walks)
     handles = []
     for k, walk in enumerate(walks):
@@ -243,4 +241,3 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
     left.legend(handles=handles, loc="upper left", frameon=False, fontsize=8)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.savefig(png, dpi=110)
-    plt.close(figure)
