@@ -22,7 +22,7 @@ from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
 from .margins import Margins, find_margins
 from .midrun import fit_start
-from .observe import is_planar, observe
+from .observe import observe
 from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
 from .slips import Slips, SlipSink
@@ -195,7 +195,6 @@ def analyse(
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
-    planar = (scene is not None and scene.dimension == 2) or (scene is None and is_planar(survey, robot))
     finder, yields = SlipSink(), YieldSink(scene)
     receivers: list[Sink] = [finder, yields, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
@@ -204,13 +203,12 @@ def analyse(
 
     compared, why, fitted, method = _follow(survey, robot, scene, rate, [table, *receivers], rest)
     if compared is None:
-        shown, stations = observe(survey, robot, table, receivers, rest)
-        if planar:
-            shown = shown[::2]
+        contacts, stations = observe(survey, robot, table, receivers, rest)
     else:
         assert scene is not None
         table.finish()
-        shown, stations = tuple(contact_names(scene.body)[:: scene.dimension]), tuple(station_names(scene.body))
+        shown = contact_names(scene.body)[:: scene.dimension]
+        contacts, stations = tuple(name.removesuffix("/x") for name in shown), tuple(station_names(scene.body))
     known = compared is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
@@ -227,7 +225,7 @@ def analyse(
         explanation=why,
         fitted_ns=fitted,
         table=table,
-        contacts=tuple(name.removesuffix("/x") for name in shown),
+        contacts=contacts,
         stations=stations,
         cycles=cycles,
         cycle_source=source,

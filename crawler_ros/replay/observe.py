@@ -35,7 +35,7 @@ def observe(
         progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The names of the contacts, in the plane one for each axis, and the names of the stations.
+        The names of the contacts, and those of the stations.
 
     Raises:
         BagError: when no state was recorded.
@@ -68,25 +68,9 @@ def observe(
     table.finish()
     if poses:
         _use_poses(table, np.concatenate(poses))
-    names_of = decoders[states].names or ()
     stations = () if reader.parts is None else reader.parts.station_names
-    return (names_of if states == "contact_states" else names_of[:1]), stations
-
-
-def is_planar(survey: Survey, robot: Robot) -> bool:
-    """Determine whether a recording is of a planar body, judging by the names of its joints.
-
-    Args:
-        survey: survey of the recording.
-        robot: the crawler.
-
-    Returns:
-        Whether it is; False where no state was recorded.
-    """
-    for record in bag.read(survey.path):
-        if record.topic in (robot.recorded("joint_states"), robot.recorded("contact_states")):
-            return b"contact_0/x\0" in record.data
-    return False
+    names = _name_contacts(decoders[states].names or ())
+    return names if states == "contact_states" else names[:1], stations
 
 
 def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -100,6 +84,11 @@ def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
         for k, values in enumerate(numbers[-3:]):
             table[at, depth - min(len(numbers), 3) + k, : values.shape[1]] = values
     return stamps, table
+
+
+def _name_contacts(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Name the contacts of entries of a state, of which there is in the plane one for each axis."""
+    return tuple(name.removesuffix("/x") for name in names if not name.endswith("/y"))
 
 
 class _Reader:
@@ -144,8 +133,7 @@ class _Reader:
         if self._begin is None:
             self._begin = position[0].copy()
         if self.parts is None:
-            own = [name.removesuffix("/x") for name in names if not name.endswith("/y")]
-            self.parts = parts_by_name(tuple(own[: place.shape[1]]), place[0])
+            self.parts = parts_by_name(_name_contacts(names)[: place.shape[1]], place[0])
         moved_by = (position - self._begin).reshape(shape)
         y = moved_by.mean(axis=1) if planar else self.parts.average(moved_by).mean(axis=1)
         forward, backward = self.parts.slid(gained.reshape(shape))
