@@ -40,9 +40,8 @@ class PlanePanel:
         self._reach = float((high - low).min())
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$x$ [m]", ylabel="$y$ [m]")
         axes.grid(alpha=0.3)
-        moved = np.linalg.norm(np.diff(self._place, axis=0, prepend=self._place[:1]), axis=2)
         self._velocity = np.diff(self._place, axis=0, prepend=self._place[:1])
-        self._most = float(moved.max()) or 1.0
+        self._most = float(np.linalg.norm(self._velocity, axis=2).max()) or 1.0
         for i in range(chosen.size if chosen.size <= MOST_ARROWS else 0):
             axes.plot(*self._place[:, i].T, color=STICK, linewidth=0.8, zorder=1)
         (self._trails,) = axes.plot([], [], color=GREY, linewidth=1.1, zorder=1.5)

@@ -68,10 +68,9 @@ def run_of_frames(scene: Scene, frames: Sequence[Frame]) -> RunArrays:
     least = most = np.full(film.tension.shape, np.nan)
     if has_stasis_bounds(body):
         least, most = stasis_bounds(film.tension, film.forward, film.backward)
-    share = "" if not body.segments else "net translation from the ends of segments"
     return RunArrays(
         title=scene.name,
-        notes=tuple(filter(None, (share,))),
+        notes=("net translation from the ends of segments",) if body.segments else (),
         time=film.time,
         positions=film.place,
         state=film.state,
