@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from .layouts import Walk
+
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 Parts = dict[str, dict[str, str]]
 """Key-value pairs by part of a node: "simulation", "commands"."""
@@ -108,29 +110,16 @@ def read_diagnostics(data: bytes) -> dict[str, Parts]:
         the bytes are not such a message.
     """
     found: dict[str, Parts] = {}
-    place = 12  # encapsulation and stamp
-
-    def count() -> int:
-        nonlocal place
-        place += -place % 4
-        (value,) = struct.unpack_from("<I", data, place)
-        place += 4
-        return int(value)
-
-    def text() -> str:
-        nonlocal place
-        size = count()
-        place += size
-        return data[place - size : place].rstrip(b"\0").decode(errors="replace")
-
+    walk = Walk(data, "replace")
     try:
-        text()  # frame_id
-        for _ in range(count()):
-            place += 1  # level
-            name, _, _ = text(), text(), text()
+        walk.stamp()
+        walk.text()  # frame_id
+        for _ in range(walk.count()):
+            walk.place += 1  # level
+            name, _, _ = walk.text(), walk.text(), walk.text()
             node, _, part = name.rpartition(": ")
-            found.setdefault(node, {})[part] = {text(): text() for _ in range(count())}
-    except struct.error:
+            found.setdefault(node, {})[part] = {walk.text(): walk.text() for _ in range(walk.count())}
+    except (struct.error, ValueError):  # the latter of a length that no message has
         return {}
     return found
 

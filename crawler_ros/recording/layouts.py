@@ -25,24 +25,29 @@ _MOST_LAYOUTS = 64
 
 
 @dataclass(eq=False)
-class _Walk:
+class Walk:
     """A pass through one message that collects the positions of its numbers and of the bytes that fix its layout."""
 
     data: bytes
+    errors: str = "strict"
+    """How text that is not UTF-8 is decoded, as in `bytes.decode`."""
     place: int = _HEAD
     stamps: list[int] = field(default_factory=list)
     numbers: list[tuple[int, int]] = field(default_factory=list)
     fixed: list[tuple[int, int]] = field(default_factory=list)
 
     def align(self, size: int) -> None:
+        """Skip the bytes before a number of a size."""
         self.place += -(self.place - _HEAD) % size
 
     def stamp(self) -> None:
+        """Skip a time or duration."""
         self.align(4)
         self.stamps.append(self.place)
         self.place += 8
 
     def count(self) -> int:
+        """Read the length of a sequence."""
         self.align(4)
         (value,) = struct.unpack_from("<I", self.data, self.place)
         self.fixed.append((self.place, self.place + 4))
@@ -52,13 +57,15 @@ class _Walk:
         return int(value)
 
     def text(self) -> str:
+        """Read a string."""
         length = self.count()
         self.fixed.append((self.place, self.place + length))
         text = bytes(self.data[self.place : self.place + length])
         self.place += length
-        return text.rstrip(b"\0").decode()
+        return text.rstrip(b"\0").decode(errors=self.errors)
 
     def doubles(self, count: int | None = None) -> None:
+        """Skip numbers, `count` of them or a sequence."""
         count = self.count() if count is None else count
         if count:
             self.align(8)
@@ -98,7 +105,7 @@ def find_layout(kind: str, data: bytes) -> Layout:
     Raises:
         ValueError: when the bytes are not such a message.
     """
-    walk = _Walk(data)
+    walk = Walk(data)
     names: tuple[str, ...] = ()
     try:
         if data[1] != 1:
