@@ -62,8 +62,9 @@ def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
         f"largest tow that it holds at rest, on any contact: {holding.tow_forward:.6g} N forward, "
         f"{holding.tow_backward:.6g} N backward"
     )
+    sides = (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
     for contact in dict.fromkeys((0, body.contacts - 1)):
-        first = [min(float(side[contact]), most) for side, most in _sides(holding)]
+        first = [min(float(side[contact]), most) for side, most in sides]
         screen.print(
             f"a tow on {body.name_of(contact)} alone moves it first, from {first[0]:.6g} N forward, "
             f"{first[1]:.6g} N backward"
@@ -94,10 +95,6 @@ def _print_planar_holding(scene: Plan, screen: Console) -> None:
 
 def _degrees(slope: float) -> str:
     return "any, up to 90" if slope == math.pi / 2.0 else f"{math.degrees(slope):.6g}"
-
-
-def _sides(holding: Holding) -> tuple[tuple[np.ndarray, float], ...]:
-    return (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
 
 
 def _describe_tilt(scene: Plan, tilt: Tilt, direction: str) -> str:

@@ -135,8 +135,11 @@ def simulate_command(
         with progress_bar("writing") as progress:
             write_tables(run, parquet, csv, progress)
     if png is not None:
+        from crawler_pictures.run.page import draw_run
+        from crawler_pictures.run.trajectory import read_trajectory
+
         with whole_file(png) as part:
-            _draw(run, part, two_columns)
+            draw_run(read_trajectory(run), part, two_columns)
     if as_json:
         print(json.dumps(run.summary(), allow_nan=False))
         _check_certificate(run)
@@ -199,13 +202,6 @@ def _check_certificate(run: Trajectory) -> None:
                 f"{run.scene.name}: the result is not exact: {what} {value:.1e} {of}, more than {_MISSED:g}; forces or "
                 "stiffnesses of the scene are too far apart for floating-point numbers: bring them closer together"
             )
-
-
-def _draw(run: Trajectory, png: Path, two_columns: bool) -> None:
-    from crawler_pictures.run.page import draw_run
-    from crawler_pictures.run.trajectory import read_trajectory
-
-    draw_run(read_trajectory(run), png, two_columns)
 
 
 def describe_energy(energy: Energy) -> str:

@@ -13,7 +13,7 @@ from crawler_model import CommandError, Scene
 from crawler_model.body.drive import wave
 from crawler_model.body.turning import check_sides
 
-from .sliders import SLOPE, Control, list_controls, round_up
+from .sliders import SLOPE, list_controls, round_up
 
 Mode = Literal["hand", "scene", "wave"]
 _STEEPEST, _FASTEST = 60.0, 100.0
@@ -118,7 +118,9 @@ class Controls:
         """
         hand, slope = list(settings.hand), settings.slope
         for name, value in _mapping(message, "set").items():
-            control, number = self._control(name), _number(name, value)
+            if name not in self.controls:
+                raise CommandError(f"{name}: no such control; the controls are {', '.join(self.controls)}")
+            control, number = self.controls[name], _number(name, value)
             if control.kind == SLOPE:
                 if not abs(number) <= _STEEPEST:
                     raise CommandError(
@@ -133,11 +135,6 @@ class Controls:
         if mode == "scene" and self.scene.drive.holds:
             raise CommandError(f"mode: scene; {self.scene.name} has no drive, use hand or wave")
         return Settings(mode, tuple(hand), _change_wave(settings.wave, _mapping(message, "wave")), slope)
-
-    def _control(self, name: str) -> Control:
-        if name not in self.controls:
-            raise CommandError(f"{name}: no such control; the controls are {', '.join(self.controls)}")
-        return self.controls[name]
 
     def led(self, mode: Mode) -> np.ndarray:
         """Find the columns that the leader moves.

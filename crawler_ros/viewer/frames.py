@@ -157,13 +157,8 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
         forward, backward = (side[at] for side in local_bounds(crawler.scene, target, crawler.displacement))
     x, row, yields = crawler.displacement[at].ravel(), crawler.row, np.zeros(0, np.int8)
     if body.joint_limits.index.size:
-        yields = _find_yields(body, crawler.joint_elongation, crawler.actuation)
+        yields = body.joint_limits.find_all_states(crawler.joint_elongation, body.joint_sum(crawler.actuation))
     return Frame(time_ns, x, tension, state[at], forward, backward, row, jumps, yields)
-
-
-def _find_yields(body: Body, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
-    """Determine which joints are slack or stalled, shape (J,), from z of the joints and L of the springs."""
-    return body.joint_limits.find_all_states(elongation, body.joint_sum(actuation))
 
 
 def frames_of_recording(
@@ -259,7 +254,8 @@ def _frames(
                 forward, backward = local_bounds(scene, scene.columns.target(row), x)
             if limited:
                 actuation = scene.columns.target(row)[: body.springs]
-                yields = _find_yields(body, message.position[body.dimension :], actuation)
+                z = message.position[body.dimension :]
+                yields = body.joint_limits.find_all_states(z, body.joint_sum(actuation))
             yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed), yields)
     if damaged:
         print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
