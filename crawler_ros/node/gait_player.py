@@ -184,9 +184,8 @@ class GaitPlayer(QuietNode):
                 continue
             refused = count_refusals(status, topic)
             before, self._refused = self._refused, refused
-            news = (
-                status.level != status.OK if before is None else refused > before
-            )  # an old refusal may be another player's
+            # an old refusal may be another player's
+            news = status.level != status.OK if before is None else refused > before
             if not (self._sent and refused and news):
                 if self.ended_s is not None:
                     self.done.set()
@@ -232,9 +231,8 @@ class GaitPlayer(QuietNode):
             paused = f"ros2 service call {self.get_namespace().rstrip('/')}/crawler/pause std_srvs/srv/SetBool"
             return self.patience_s, f"{standing}: if it is paused, resume it with: {paused} '{{data: false}}'"
         if met:
-            return min(
-                _GONE_S, self.patience_s
-            ), f"the simulator disappeared at simulated time {self.now_ns / NS:.3f} s"
+            gone = f"the simulator disappeared at simulated time {self.now_ns / NS:.3f} s"
+            return min(_GONE_S, self.patience_s), gone
         where = (
             "start crawler-simulator in the same namespace and domain (its first start compiles for a minute or two)"
         )

@@ -61,10 +61,8 @@ def find_margins(table: RampTable, scene: Scene) -> Margins:
     Returns:
         The margins.
     """
-    near = _ROUNDING * (1.0 + float(np.abs(table.margin).max()))
-    row = int(
-        (table.margin <= max(float(table.margin.min()), 0.0) + near).argmax()
-    )  # differences by rounding do not count
+    near = _ROUNDING * (1.0 + float(np.abs(table.margin).max()))  # differences by rounding do not count
+    row = int((table.margin <= max(float(table.margin.min()), 0.0) + near).argmax())
     visited = float(table.visited.min())
     least = int(np.nan_to_num(table.stability, nan=np.inf).argmin())
     known = bool(np.isfinite(table.stability[least]))

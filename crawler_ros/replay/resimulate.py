@@ -250,9 +250,8 @@ class Resimulation:
         end = max(next_tick_ns(stamp, self._rate), stamp)
         crawler, before = self._crawler, stamp
         whole = crawler
-        if (
-            len(points) > 1
-        ):  # the node follows a tick in one call: its displacements are the sums over the ramps up to rounding
+        if len(points) > 1:
+            # the node follows a tick in one call: its displacements are the sums over the ramps up to rounding
             whole = crawler.copy()
             whole.follow(np.array([self._scene.columns.target(np.ascontiguousarray(row)) for row in points]))
         for number, row in enumerate(points):
