@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
-from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart
+from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart, SegmentFrictionPart
 from .link_parts import CurvePart, JointsPart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
 from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, StartPart, WavePart
 
@@ -137,7 +137,9 @@ def _fields(path: list[str]) -> dict[str, FieldInfo]:
         "passive": PassivePart,
         "stops": StopsPart,
         "segments": SegmentPart,
-        "friction": FrictionRowsPart if "drive" in path else FrictionPart,
+        "friction": (
+            FrictionRowsPart if "drive" in path else SegmentFrictionPart if "segments" in path else FrictionPart
+        ),
         "start": StartPart,
         "drive": DrivePart,
         "ground": GroundPart,

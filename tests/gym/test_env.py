@@ -242,6 +242,7 @@ def loaded_by(code: str) -> set[str]:
 
 
 def test_making_it_loads_neither_ros_nor_pictures():
+    gymnasium.make("crawler_gym:Crawler-v0").reset()  # else the other process reports that it compiles kernels
     made = loaded_by("import gymnasium; gymnasium.make('crawler_gym:Crawler-v0').reset()")
     assert not made & {"rclpy", "mcap", "matplotlib", "rerun"}
 

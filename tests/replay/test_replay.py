@@ -18,10 +18,12 @@ from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag import BagError
+from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.standstill import Standstill
+from crawler_ros.wire.topics import read_topics
 
 from ..commands import crawler
 from ..recordings import attachments, hold, messages, play, record, rewrite, write
@@ -256,9 +258,6 @@ def test_two_robots_are_told_apart(tmp_path):
     one, two = load_scene("two_anchor_a"), load_scene("two_anchor_b")
     left = [(n, s, d) for n, s, d in messages(one, play(one, 0, 10**9))]
     bag_path = tmp_path / "a"
-    from crawler_ros.recording.bag_writer import BagWriter
-    from crawler_ros.wire.topics import read_topics
-
     writer = BagWriter(bag_path, {})
     for space, sent in (("/left/", left), ("/right/", messages(two, play(two, 0, 2 * 10**9)))):
         channels = {}
@@ -274,6 +273,21 @@ def test_two_robots_are_told_apart(tmp_path):
     assert found.comparison.ticks == 201
     with pytest.raises(BagError, match="no crawler in the namespace /middle; there are /left, /right"):
         analyse(bag_path, None, "middle")
+
+
+def test_all_channels_of_a_topic_are_read_where_the_scene_is_unknown(tmp_path):
+    scene = load_scene("three_contacts_one_way")
+    sent = list(messages(scene, play(scene, 0, 2 * NS)))
+    writer = BagWriter(tmp_path / "a", {})
+    for begin, part in ((0, sent[: len(sent) // 2]), (len(sent) // 2, sent[len(sent) // 2 :])):
+        channels = {name: writer.add_topic(read_topics()[name], f"/{name}") for name in {name for name, *_ in sent}}
+        for k, (name, _, data) in enumerate(part, 10**18 + begin):
+            writer.write(channels[name], k, k, data)
+        writer.flush()
+    writer.close()
+    found, whole = analyse(tmp_path / "a"), analyse(write(tmp_path / "b", sent, {}))
+    assert found.topics["/joint_states"].count == found.table.run.size == 201
+    np.testing.assert_array_equal(found.table.net_translation, whole.table.net_translation)
 
 
 def stopping(length: float, periods: float, rest: float, folder: Path) -> Standstill | None:
@@ -314,7 +328,6 @@ def test_a_run_that_moves_to_its_end_did_not_stop(tmp_path):
 
 
 def test_what_is_no_crawlers_recording_is_named(tmp_path):
-    from crawler_ros.recording.bag_writer import BagWriter
 
     BagWriter(tmp_path / "empty", {}).close()
     with pytest.raises(BagError, match="the recording has no messages"):
@@ -463,9 +476,7 @@ def test_without_diagnostics_incidents_are_not_known(tmp_path, capsys):
 
 def diagnosed(folder: Path, *entries: tuple[str, list[tuple[str, str]]]) -> Path:
     """A recording with one message on /diagnostics."""
-    from crawler_ros.recording.bag_writer import BagWriter
     from crawler_ros.wire.messages import encode_diagnostics
-    from crawler_ros.wire.topics import read_topics
 
     scene = load_scene("two_anchor_a")
     bag_of = BagWriter(folder, attachments(scene))
