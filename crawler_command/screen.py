@@ -124,7 +124,6 @@ class ShowProgress(Protocol):
 
     def __call__(self, part: float, step: str = "") -> None:
         """Show the fraction done, in [0, 1], and the name of the present step."""
-        ...
 
 
 @contextmanager

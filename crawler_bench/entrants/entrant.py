@@ -33,7 +33,6 @@ class Run(Protocol):
     @property
     def displacement(self) -> np.ndarray:
         """X, shape (N,), in the plane (N, 2) [m]."""
-        ...
 
     def quarter(self, number: int, deadline: float) -> float:
         """Simulate a quarter of a period.
@@ -48,7 +47,6 @@ class Run(Protocol):
         Raises:
             OutOfTime: after the deadline.
         """
-        ...
 
     def lap(self, number: int, deadline: float) -> tuple[float, int]:
         """Simulate whole periods as fast as the method can.
@@ -60,7 +58,6 @@ class Run(Protocol):
         Returns:
             Time spent [s] and number of periods.
         """
-        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,47 +19,38 @@ class State(Protocol):
     @property
     def displacement(self) -> np.ndarray:
         """Displacement x, shape (N,), in the plane (N, 2) [m]."""
-        ...
 
     @property
     def gained(self) -> np.ndarray:
         """Displacement gained in the last command, same shape [m]."""
-        ...
 
     @property
     def shape(self) -> np.ndarray:
         """Elongations z, shape (S,), in the plane (S, 2) [m]."""
-        ...
 
     @property
     def tension(self) -> np.ndarray:
         """Tensions T, same shape [N]."""
-        ...
 
     @property
     def actuation(self) -> np.ndarray:
         """Rest-length changes L in force, same shape [m]."""
-        ...
 
     @property
     def friction(self) -> np.ndarray:
         """Friction in force, as in a target, shape (F,) [N]."""
-        ...
 
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the spring forces as in a target: friction shifted by the loads, shape (F,) [N]."""
-        ...
 
     @property
     def loads(self) -> np.ndarray:
         """Loads in force, the slope's share included, shape (N,), in the plane (N, 2) [N]; empty without loads."""
-        ...
 
     @property
     def contact_state(self) -> np.ndarray:
         """1 if a contact slid forward (in the plane: slid) in the last command, -1 backward, 0 stuck, shape (N,)."""
-        ...
 
     def margins(self, force: np.ndarray) -> np.ndarray:
         """Compute the distance of the spring forces from their nearest bounds.
@@ -70,7 +61,6 @@ class State(Protocol):
         Returns:
             Shape (N,) [N].
         """
-        ...
 
     def visited_margin(self, force: np.ndarray) -> float:
         """Compute how close all contacts are to sliding at once.
@@ -81,15 +71,12 @@ class State(Protocol):
         Returns:
             The margin [1].
         """
-        ...
 
     def copy(self) -> State:
         """Copy the state."""
-        ...
 
     def bits(self) -> bytes:
         """Return all numbers as bytes, for comparison."""
-        ...
 
 
 class Motion(Protocol):
@@ -98,12 +85,10 @@ class Motion(Protocol):
     @property
     def methods(self) -> tuple[str, ...]:
         """The available methods, best first."""
-        ...
 
     @property
     def samples_margin(self) -> bool:
         """Whether even an exact ramp samples its visited margin only at its ends."""
-        ...
 
     def start(self, x: np.ndarray, target: np.ndarray) -> Any:
         """Build the state at rest.
@@ -115,11 +100,9 @@ class Motion(Protocol):
         Returns:
             The state. Contacts within rounding of a bound are taken to be at that bound.
         """
-        ...
 
     def scratch(self) -> Any:
         """Allocate the working memory of `follow` for one crawler."""
-        ...
 
     def follow(
         self,
@@ -149,7 +132,6 @@ class Motion(Protocol):
         Raises:
             CommandError: if the body reaches ground on which nothing holds it; the state does not change.
         """
-        ...
 
 
 def build_motion(plan: Plan) -> Motion:

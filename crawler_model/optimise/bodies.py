@@ -33,7 +33,6 @@ class Uncertain(Protocol):
     @property
     def unknown(self) -> tuple[str, ...]:
         """Numbers of which nothing is known, by dotted keys."""
-        ...
 
     def apply(self, scene: Scene) -> Scene:
         """Put the best values into a scene.
@@ -44,7 +43,6 @@ class Uncertain(Protocol):
         Returns:
             The scene with the values.
         """
-        ...
 
     def draw_bodies(self, rng: np.random.Generator, count: int) -> Mapping[str, np.ndarray]:
         """Draw values of the numbers.
@@ -56,7 +54,6 @@ class Uncertain(Protocol):
         Returns:
             Values by dotted key, shape (K,).
         """
-        ...
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ class Panel(Protocol):
 
     def move(self, k: int) -> None:
         """Move everything to frame `k`."""
-        ...
 
 
 class Stage:

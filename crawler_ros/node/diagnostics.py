@@ -53,11 +53,9 @@ class Diagnosed(Protocol):
 
     def get_fully_qualified_name(self) -> str:
         """Return the name of the node including its namespace."""
-        ...
 
     def warn_once(self, text: str) -> None:
         """Log a warning unless the same one was logged before."""
-        ...
 
 
 def diagnose(node: Diagnosed) -> list[Status]:
