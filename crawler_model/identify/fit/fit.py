@@ -91,7 +91,7 @@ def fit_from(
     now = problem.compute(unknowns)
     if now is None:
         return None
-    cost, damping, quiet, refused = cost_of(now), 0.0, 0, False
+    cost, damping, quiet, refused = now.cost, 0.0, 0, False
     patience = 3 if not tight else 1 if problem.is_large else 2
     for _ in range(most):
         step = compute_step(now, unknowns, held, problem.bounds, damping)
@@ -104,7 +104,7 @@ def fit_from(
         if np.abs(moved - unknowns).max(initial=0.0) <= _SHORTEST * (1.0 + np.abs(unknowns).max(initial=0.0)):
             break
         then = problem.compute(moved)
-        later = np.inf if then is None else cost_of(then)
+        later = np.inf if then is None else then.cost
         if then is None or not later < cost:
             damping, refused = max(_HARDER * damping, _DAMPING), True
             if damping > _MOST_DAMPING:
@@ -153,18 +153,6 @@ def compute_step(
         share = np.where(seen, 1.0 / np.where(seen, values + damping * values[-1], 1.0), 0.0)
         step[free] = -(vectors @ (share * (vectors.T @ (gradient[free] / size[free])))) / size[free]
     return step
-
-
-def cost_of(residuals: Residuals) -> float:
-    """Compute the sum of squares.
-
-    Args:
-        residuals: the residuals.
-
-    Returns:
-        The sum [1].
-    """
-    return float(residuals.fitted @ residuals.fitted)
 
 
 def find_fit(

@@ -52,6 +52,11 @@ class Residuals:
     one_sided: np.ndarray
     derivative_error: float
 
+    @property
+    def cost(self) -> float:
+        """Sum of squares of `fitted` [1]."""
+        return float(self.fitted @ self.fitted)
+
 
 @dataclass(frozen=True)
 class Channel:

@@ -146,6 +146,6 @@ def _draw(problem: Problem, rng: np.random.Generator) -> np.ndarray | None:
     for _ in range(_DRAWS):
         unknowns = problem.unknowns(problem.space.draw(rng))
         found = problem.compute(unknowns)
-        if found is not None and float(found.fitted @ found.fitted) < least:
-            best, least = unknowns, float(found.fitted @ found.fitted)
+        if found is not None and found.cost < least:
+            best, least = unknowns, found.cost
     return best

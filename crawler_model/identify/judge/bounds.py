@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fit.fit import Fit, cost_of
+from ..fit.fit import Fit
 from ..fit.problem import Problem
 from ..fit.starts import find_reached
 
@@ -97,9 +97,8 @@ def release(problem: Problem, fit: Fit) -> Fit:
             now = problem.compute(unknowns)
             if now is None or np.abs(now.jacobian[:, p]).max() > 0.0:
                 continue
-            cost = cost_of(now)
-            if cost <= fit.cost + _CHI_SQUARE:
-                fit = replace(fit, unknowns=unknowns, cost=cost, residuals=now, mean_jacobian=now.jacobian)
+            if now.cost <= fit.cost + _CHI_SQUARE:
+                fit = replace(fit, unknowns=unknowns, cost=now.cost, residuals=now, mean_jacobian=now.jacobian)
                 break
     return fit
 
@@ -125,6 +124,6 @@ def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: Held
         beyond = bound.value * factor if bound.at_least else bound.value / factor
         unknowns[p] = np.log(beyond)
         now = problem.compute(unknowns)
-        if now is None or cost_of(now) > fit.cost + _CHI_SQUARE:
+        if now is None or now.cost > fit.cost + _CHI_SQUARE:
             return bound if factor == _BEYOND[0] else replace(bound, value=beyond)
     return None

@@ -71,7 +71,6 @@ def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explan
     if base is None:
         return []
     basis = _find_basis(base.jacobian)
-    total = float(base.fitted @ base.fitted)
     found: list[tuple[float, float, str, np.ndarray]] = []
     for names, columns in _differentiate(thin, fit.unknowns):
         own = columns - basis @ (basis.T @ columns)
@@ -81,7 +80,7 @@ def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explan
             if size[k] > 1e-8 * float(columns[:, k] @ columns[:, k]):
                 found.append((float(score[k] ** 2 / size[k]), float(-score[k] / size[k]), name, columns[:, k]))
     found.sort(key=lambda one: -one[0])
-    least = max(_CLEAR, _OFTEN * total)
+    least = max(_CLEAR, _OFTEN * base.cost)
     kept: list[Explanation] = []
     subjects: set[str] = set()
     for gain, amount, name, column in found:
@@ -91,7 +90,7 @@ def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explan
         if subject not in subjects:
             subjects.add(subject)
             moved = _find_moved(problem.space, fit, base.jacobian, amount * column, width)
-            kept.append(Explanation(_describe(name, amount), amount, gain / total, moved))
+            kept.append(Explanation(_describe(name, amount), amount, gain / base.cost, moved))
     return kept
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fit.fit import Fit, compute_step, cost_of
+from ..fit.fit import Fit, compute_step
 from ..fit.problem import Problem
 from ..sensor.noise import find_quantile
 from .verdicts import Structure, find_covariance
@@ -77,4 +77,4 @@ def _relax(problem: Problem, moved: np.ndarray, held: np.ndarray, p: int) -> flo
     others[p] = True
     step = compute_step(now, moved, others, problem.bounds)
     then = problem.compute(np.clip(moved + step, *problem.bounds))
-    return cost_of(now) if then is None else min(cost_of(now), cost_of(then))
+    return now.cost if then is None else min(now.cost, then.cost)
