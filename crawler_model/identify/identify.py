@@ -209,12 +209,13 @@ def _shift(problem: Problem, fit: Fit, group: set[int], first: int, shift: float
 def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) -> Identification:
     """Judge the parameters, measure the misfit, and collect the result."""
     count = problem.space.origin.size
-    below, above = find_intervals(problem, fit, structure)
-    parameters = judge(problem, fit, structure, below, above)
-    unknown = [*structure.free(count), *range(count, problem.count)]
+    free = structure.free(count)
+    unknown = [*free, *range(count, problem.count)]
     covariance = np.zeros((problem.count, problem.count))
     own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
     covariance[np.ix_(unknown, unknown)] = own
+    below, above = find_intervals(problem, fit, free, covariance, freedom)
+    parameters = judge(problem, fit, structure, below, above)
     sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))
     score = score_held_out(problem, fit, covariance)

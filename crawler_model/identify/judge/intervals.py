@@ -7,7 +7,6 @@ import numpy as np
 from ..fit.fit import Fit, compute_step
 from ..fit.problem import Problem
 from ..sensor.noise import find_quantile
-from .verdicts import Structure, find_covariance
 
 _ENOUGH = 0.5
 """Part of the expected increase of the sum of squares at the end of an interval that confirms it."""
@@ -16,38 +15,39 @@ _MOST = 8
 _NULL = 1e-12
 
 
-def find_intervals(problem: Problem, fit: Fit, structure: Structure) -> tuple[np.ndarray, np.ndarray]:
+def find_intervals(
+    problem: Problem, fit: Fit, free: list[int], covariance: np.ndarray, freedom: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the ends of all 95 % intervals.
 
     Args:
         problem: the problem.
         fit: its end.
-        structure: what is determined.
+        free: the parameters that are determined.
+        covariance: of the unknowns, shape (U, U).
+        freedom: degrees of freedom of the noise [1].
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows
         an end. Those of large recordings follow from the derivatives alone.
     """
     count = problem.space.origin.size
-    free = structure.free(count)
     unknown = [*free, *range(count, problem.count)]
     held = np.ones(problem.count, np.bool_)
     held[unknown] = False
     low, high = np.full(count, np.inf), np.full(count, np.inf)
     if not free:
         return low, high
-    covariance, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
     quantile = find_quantile(freedom)
     part = fit.mean_jacobian[:, unknown]
     size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
     plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2
     for k, p in enumerate(free):
-        width = quantile * float(np.sqrt(covariance[k, k]))
+        width = quantile * float(np.sqrt(covariance[p, p]))
         low[p] = high[p] = width
         if 0.0 < width < np.inf and not problem.is_large:
-            direction = np.zeros(problem.count)
-            direction[unknown] = covariance[:, k] / covariance[k, k]
-            expected = quantile**2 * max(1.0, covariance[k, k] / plain[k])
+            direction = covariance[:, p] / covariance[p, p]
+            expected = quantile**2 * max(1.0, covariance[p, p] / plain[k])
             low[p] = _find_end(problem, fit, held, p, -direction, width, expected)
             high[p] = _find_end(problem, fit, held, p, direction, width, expected)
     return low, high
