@@ -105,11 +105,9 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
         regime, jacobian[:2], left = _find_regime(scene, names)
     results = np.concatenate((regime, totals, position.ravel()))
     size = max(float(np.ptp(run.displacement)), 1e-300), max(float(np.abs(run.energies.work).sum()), 1e-300)
-    effect = np.zeros(count, np.bool_)
-    if slopes is not None:
-        moved = np.abs(jacobian) * np.maximum(np.abs(slopes.values), _LEAST)
-        effect = (moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0)
     values = np.zeros(0) if slopes is None else slopes.values
+    moved = np.abs(jacobian) * np.maximum(np.abs(values), _LEAST)
+    effect = (moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0)
     return Outcome(results, jacobian, values, size, effect, run.time, left, run.unique)
 
 

@@ -117,6 +117,8 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     Returns:
         The structure.
     """
+    from scipy.sparse.csgraph import connected_components
+
     count = problem.space.origin.size
     # a logarithm far below that of the scene has little effect, though the value may have much
     values = problem.space.to_values(fit.unknowns[:count])
@@ -143,8 +145,8 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
         if null.shape[0]:
             shares = null.T @ null
             first = next(i for i in range(len(free)) if shares[i, i] > _MEMBER)
-            members = _component(np.abs(shares) > _MEMBER * np.abs(shares).max(), first)
-            found.join({free[i] for i in members})
+            _, label = connected_components(np.abs(shares) > _MEMBER * np.abs(shares).max(), directed=False)
+            found.join({free[i] for i in np.flatnonzero(label == label[first])})
             found.held.add(free[first])
             continue
         hidden = _hidden(problem, fit, jacobian, free)
@@ -156,16 +158,6 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
             found.held.add(members_of[0])
         else:
             found.weak[members_of[0]] = width
-
-
-def _component(joined: np.ndarray, first: int) -> list[int]:
-    """List what is connected with an index in a graph, shape (K, K)."""
-    reached, waiting = {first}, [first]
-    for i in waiting:
-        new = [int(j) for j in np.flatnonzero(joined[i]) if int(j) not in reached]
-        reached.update(new)
-        waiting += new
-    return sorted(reached)
 
 
 def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[list[int], float] | None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...body.body import Body
-from ...body.curves import BEGIN, END, Curve
+from ...body.curves import BEGIN, END
 from ...body.names import name_every_spring
 
 
@@ -57,7 +57,7 @@ def find_distances(
     for bend in body.bends:
         z = elongation[:, bend.spring]
         for curve, at in ((bend.actuator, z - length[:, bend.spring]), (bend.passive, z)):
-            piece = _find_pieces(curve, at)
+            piece = np.searchsorted(curve.pieces[:-1, END], at)
             distance[:, column] = at - curve.pieces[piece, BEGIN]
             derivative[:, column] = -d_pieces[first + piece, BEGIN]
             distance[:, column + 1] = curve.pieces[piece, END] - at
@@ -65,11 +65,6 @@ def find_distances(
             first += len(curve.pieces)
             column += 2
     return distance, derivative
-
-
-def _find_pieces(curve: Curve, at: np.ndarray) -> np.ndarray:
-    """Find the piece of a curve at each length."""
-    return np.searchsorted(curve.pieces[:-1, END], at)
 
 
 def find_limits(values: np.ndarray, distance: np.ndarray, derivative: np.ndarray) -> dict[tuple[int, bool], Reached]:
