@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Body
-from ..body.drive import Drive
 from ..crawler.crawler import default_budget
 from ..derivative.parameters import Derivatives
 from ..derivative.path import TangentPath, Vertices
@@ -19,6 +18,7 @@ from ..motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED, WORK
 from ..run.repeats import determining_tension, tensions_repeat
 from ..scene.assembly import Assembly
+from ..sweep.stack import stack_scenes
 from .unknowns import Cycle
 
 _REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10
@@ -64,12 +64,7 @@ def find_regime(cycle: Cycle) -> Regime | None:
     Returns:
         The regime, with its peak; None if a ramp has too many events to be followed exactly.
     """
-    plan = cycle.plan
-    body = dataclasses.replace(plan.body, stiffness=np.array(plan.body.stiffness)[None])
-    ground = dataclasses.replace(plan.ground, weight=np.array(plan.ground.weight)[None])
-    drive = Drive(plan.drive.times, None, np.array(plan.drive.rows)[None], plan.columns)
-    one = Assembly(plan.parts, body, ground, plan.columns, drive, np.array(plan.start_displacement)[None])
-    found = find_regimes(Cycle(one, cycle.seconds))[0]
+    found = find_regimes(Cycle(stack_scenes([cycle.plan]).assembly, cycle.seconds))[0]
     return None if found is None else dataclasses.replace(found, peak=find_peak(cycle))
 
 
