@@ -116,7 +116,7 @@ def worst_value(space: Space, point: np.ndarray) -> float:
 def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alternative:
     point = space.canonical(point)
     values = space.values(point)
-    return Alternative(worst_value(space, point), values, unknowns.drive_of(values))
+    return Alternative(worst_value(space, point), values, unknowns.document(values)["drive"])
 
 
 def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[bool, tuple[Kink, ...]]:

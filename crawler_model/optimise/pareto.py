@@ -146,7 +146,7 @@ def pareto(
     found = [far.point]
     if not far.interrupted:
         goal = dataclasses.replace(space.goal, objective="cost-of-transport")
-        cheap = go(space.with_goal(goal), [far.point, *begin], None)
+        cheap = go(dataclasses.replace(space, goal=goal), [far.point, *begin], None)
         if cheap.score > -math.inf:  # else Ctrl-C came before the first gait
             found.append(cheap.point)
         ends = [_scores(space, far.point), _scores(space, found[-1])]
@@ -155,7 +155,7 @@ def pareto(
             if runs[-1].interrupted:
                 break
             weights = (ends[1][0], 1.0 / (part * widths[0])), (ends[0][1], 1.0 / ((1.0 - part) * widths[1]))
-            other = space.with_goal(dataclasses.replace(goal, weights=weights))
+            other = dataclasses.replace(space, goal=dataclasses.replace(goal, weights=weights))
             one = go(other, found, _ROUNDS)
             if one.score > -math.inf:
                 found.append(one.point)

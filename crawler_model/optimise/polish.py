@@ -70,22 +70,21 @@ def block_moves(space: Space, point: np.ndarray) -> list[np.ndarray]:
     Returns:
         The changed points; none without a table.
     """
-    table, first = space.scenes[0].table, len(space.scenes[0].keys)
-    if table is None:
+    numbers, rows = space.scenes[0].split(point)
+    if rows is None:
         return []
-    rows = point[first:].reshape(table.waypoints, -1)
     found = []
-    for j in range(table.width):
+    for j in range(rows.shape[1]):
         for by in (-1, 1):
             changed = rows.copy()
             changed[:, j] = np.roll(rows[:, j], by)
             found.append(changed)
-    for k in range(table.waypoints):
+    for k in range(rows.shape[0]):
         for other in (1.0 - rows[k], np.roll(rows, 1, axis=0)[k], np.roll(rows, 2, axis=0)[k]):
             changed = rows.copy()
             changed[k] = other
             found.append(changed)
-    return [np.concatenate((point[:first], changed.ravel())) for changed in found]
+    return [np.concatenate((numbers, changed.ravel())) for changed in found]
 
 
 def _flip_single(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:

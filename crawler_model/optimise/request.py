@@ -47,7 +47,8 @@ def build_unknowns(
     Raises:
         SceneError: with one line about the first mistake.
     """
-    _check_scene(scene)
+    if scene.body.springs == 0:
+        raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
     scene = with_loads(scene, tuple(free))
     given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}
     friction = given.pop("friction", None)
@@ -76,11 +77,6 @@ def build_unknowns(
         count = len(keys) + table.width * table.waypoints
         raise SceneError(f"waypoints: {count} unknowns; at most {_MOST_UNKNOWNS}: choose fewer waypoints")
     return Unknowns(base, keys, table, low, high, scene)
-
-
-def _check_scene(scene: Scene) -> None:
-    if scene.body.springs == 0:
-        raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
 
 
 def check_bounds(name: str, given: Any) -> Bounds:

@@ -85,15 +85,15 @@ class Space:
         most = self.steps()
         if most is None:
             return unit
-        table, first = self.scenes[0].table, len(self.scenes[0].keys)
-        assert table is not None
-        rows = unit[first:].reshape(table.waypoints, -1)
-        apart = np.abs(np.arange(table.waypoints)[:, None] - np.arange(table.waypoints))
-        apart = np.minimum(apart, table.waypoints - apart)[:, :, None]
+        numbers, rows = self.scenes[0].split(unit)
+        assert rows is not None
+        count = rows.shape[0]
+        apart = np.abs(np.arange(count)[:, None] - np.arange(count))
+        apart = np.minimum(apart, count - apart)[:, :, None]
         reach = np.where(apart > 0, apart * np.where(np.isfinite(most), most, 2.0), 0.0)
         below, above = (rows + reach).min(axis=1), (rows - reach).max(axis=1)
         kept = np.where(np.isfinite(most), 0.5 * (below + above), rows)
-        return np.concatenate((unit[:first], np.clip(kept, 0.0, 1.0).ravel()))
+        return np.concatenate((numbers, np.clip(kept, 0.0, 1.0).ravel()))
 
     def canonical(self, unit: np.ndarray) -> np.ndarray:
         """Choose the waypoint at which a period begins: the same gait may begin at any, but its frame turns with it.
@@ -104,13 +104,12 @@ class Space:
         Returns:
             Shape (P,), the same for all beginnings; of a body that turns, and on patches, as it is.
         """
-        table, first = self.scenes[0].table, len(self.scenes[0].keys)
+        numbers, rows = self.scenes[0].split(unit)
         base = self.scenes[0].base
-        if table is None or base.body.turning is not None or base.ground.track is not None:
+        if rows is None or base.body.turning is not None or base.ground.track is not None:
             return unit
-        rows = unit[first:].reshape(table.waypoints, -1)
-        turned = [np.roll(rows, -k, axis=0).ravel() for k in range(table.waypoints)]
-        return np.concatenate((unit[:first], max(turned, key=lambda row: np.round(row, 4).tolist())))
+        turned = [np.roll(rows, -k, axis=0).ravel() for k in range(rows.shape[0])]
+        return np.concatenate((numbers, max(turned, key=lambda row: np.round(row, 4).tolist())))
 
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Write the rates as linear inequalities, A u <= b.
@@ -211,17 +210,6 @@ class Space:
         if self.mean:
             return [(_mean([value for value, _ in found]), np.mean([slope for _, slope in found], axis=0))]
         return found
-
-    def with_goal(self, goal: Goal) -> Space:
-        """Judge by another goal.
-
-        Args:
-            goal: the goal.
-
-        Returns:
-            The same candidates.
-        """
-        return dataclasses.replace(self, goal=goal)
 
 
 def _mean(values: Sequence[float]) -> float:

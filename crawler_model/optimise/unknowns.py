@@ -291,18 +291,6 @@ class Unknowns:
             all_targets[i, :, i] = one
         return all_targets.reshape(table.waypoints, one.shape[0], -1)
 
-    def drive_of(self, values: np.ndarray) -> dict[str, Any]:
-        """Build the drive of a candidate.
-
-        Args:
-            values: the unknowns, shape (P,).
-
-        Returns:
-            The part `drive` of its scene.
-        """
-        drive: dict[str, Any] = self.document(values)["drive"]
-        return drive
-
     def document(self, values: np.ndarray) -> dict[str, Any]:
         """Build the document of a candidate, which plays it.
 
@@ -370,13 +358,9 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
     Raises:
         SceneError: if a key is unknown, names no number, or leads to an invalid scene.
     """
-
-    def scale(scene: Scene) -> Scene:
-        values = {}
-        for key, factor in factors.items():
-            for name in expand_keys(scene, [key], "robust"):
-                one = Variations(scene, {name: np.zeros(1)}, (1,))
-                values[name] = np.array([one.origin(name) * factor])
-        return Variations(scene, values, (1,))[0]
-
-    return dataclasses.replace(unknowns, base=scale(unknowns.base))
+    scene, values = unknowns.base, {}
+    for key, factor in factors.items():
+        for name in expand_keys(scene, [key], "robust"):
+            one = Variations(scene, {name: np.zeros(1)}, (1,))
+            values[name] = np.array([one.origin(name) * factor])
+    return dataclasses.replace(unknowns, base=Variations(scene, values, (1,))[0])
