@@ -250,7 +250,6 @@ class RegimeDerivatives:
         one_sided: unknowns in which the gain or the work has a one-sided derivative, shape (P,).
         travel_one_sided: unknowns in which the travel has one, where a link stays for a ramp as it is, shape (P,).
         kinks: where: waypoint of the period before which the kink lies, part of the ramp to it, and contact.
-        settled: whether tensions and derivatives repeat.
     """
 
     regime: Regime
@@ -261,7 +260,6 @@ class RegimeDerivatives:
     one_sided: np.ndarray
     travel_one_sided: np.ndarray
     kinks: tuple[tuple[int, float, int], ...]
-    settled: bool
 
 
 def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDerivatives:
@@ -319,8 +317,7 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
     first = 1 + periods * count
     kinks = tuple((int(order[ramp - first]) - 1, place, contact) for ramp, place, contact in path.kinks)
     still = (d_steps * (steps == 0.0)[:, :, None] != 0.0).any(axis=(0, 1))
-    one_sided = path.one_sided.copy()
-    return RegimeDerivatives(regime, d_gain, d_work, d_travel, d_force, one_sided, still, kinks, settled)
+    return RegimeDerivatives(regime, d_gain, d_work, d_travel, d_force, path.one_sided.copy(), still, kinks)
 
 
 def _vertices(targets: np.ndarray, order: np.ndarray, derivatives: Derivatives) -> Vertices:

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from ..arrays import frozen
 from ..body.body import Body
-from ..body.drive import NS, Drive
+from ..body.drive import Drive
 from ..errors import LARGEST, SceneError
 from ..run.transport import length_of
 from ..scene.assemble import assemble_together
@@ -75,11 +75,6 @@ class Stack:
         return self.assembly.drive.times
 
     @property
-    def times_ns(self) -> np.ndarray:
-        """Times of the waypoints in the first period, int64, shape (M, W) [ns]."""
-        return np.rint(self.times * NS).astype(np.int64)
-
-    @property
     def period(self) -> np.ndarray | None:
         """The waypoints repeat after it, shape (M,) [s]; None if they are played once."""
         period: Any = self.assembly.drive.period
@@ -94,11 +89,6 @@ class Stack:
     def weight(self) -> np.ndarray:
         """Weight of each contact, shape (M, N) [N]."""
         return self.assembly.ground.weight
-
-    @property
-    def share(self) -> np.ndarray:
-        """Weight of each contact in the net translation, shape (N,)."""
-        return self.assembly.body.share
 
     def select(self, at: np.ndarray | slice) -> Stack:
         """Select some of the variations.
