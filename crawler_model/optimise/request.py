@@ -13,7 +13,7 @@ from ..body.names import name_joints
 from ..derivative.parameters import expand_keys, with_loads
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
-from ..sweep.keys import key_steps, overlap
+from ..sweep.keys import find_path, key_steps, overlap
 from ..sweep.vary import Variations
 from .unknowns import Table, Unknowns
 
@@ -124,8 +124,7 @@ def _expand(scene: Scene, given: Mapping[str, Bounds]) -> tuple[tuple[str, ...],
                 raise SceneError(f"free: {name} is named twice")
             keys.append(name)
             bounds.append(both)
-    paths = Variations(scene, dict.fromkeys(keys, np.zeros(1)), (1,)).paths
-    for (key, path), (other, way) in itertools.combinations(zip(keys, paths, strict=True), 2):
+    for (key, path), (other, way) in itertools.combinations([(key, find_path(scene, key)) for key in keys], 2):
         if overlap(path, way):
             raise SceneError(f"free: {key} and {other} set the same number")
     low, high = np.array(bounds).reshape(-1, 2).T

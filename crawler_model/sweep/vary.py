@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -190,10 +191,9 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
     weighed = scene.parts.body.weights is not None or any(path[:2] == ("body", "weights") for path in paths)
     if not weighed and ("ground", "slope") in paths:
         raise SceneError("vary: ground.slope: no effect, as the contacts have no weights; give body.weights")
-    for i, path in enumerate(paths):
-        for j, other in enumerate(paths):
-            if i < j and overlap(path, other):
-                raise SceneError(f"vary: {list(columns)[i]} and {list(columns)[j]} set the same number")
+    for (key, path), (other, way) in itertools.combinations(zip(columns, paths, strict=True), 2):
+        if overlap(path, way):
+            raise SceneError(f"vary: {key} and {other} set the same number")
     return variations
 
 

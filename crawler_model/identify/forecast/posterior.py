@@ -14,6 +14,7 @@ import numpy as np
 from ...arrays import frozen
 from ...errors import CrawlerError, SceneError
 from ...scene.scene import Scene
+from ...sweep.keys import find_path
 from ...sweep.vary import Variations
 
 _ROUNDING = 1e-9
@@ -109,7 +110,7 @@ class Posterior:
         """
         for name in (*self.known_numbers(), *self.unknown):
             try:
-                _ = Variations(scene, {name: np.zeros(1)}, (1,)).paths
+                find_path(scene, name)
             except SceneError:
                 raise CrawlerError(
                     f"posterior: {name}: {scene.name} has no such number; it must be that of the scene that was fitted"
