@@ -178,7 +178,7 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
         for group in structure.groups:
             shifts = [origin[p] - moved[p] for p in group & structure.held]
             if len(shifts) == 1 and all(space.logarithmic[p] for p in group):
-                _shift(problem, fit, group, next(iter(group & structure.held)), shifts[0], moved)
+                _shift(fit, group, next(iter(group & structure.held)), shifts[0], moved)
                 for p in structure.unseen:  # bounds that hold; larger forces need larger ones
                     moved[p] += max(shifts[0], 0.0) * space.logarithmic[p]
         for p in structure.held:
@@ -196,7 +196,7 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     return fit, structure
 
 
-def _shift(problem: Problem, fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarray) -> None:
+def _shift(fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarray) -> None:
     """Move a group along its null direction until its first member has the scene's value, in place."""
     members = sorted(group)
     part = fit.residuals.jacobian[:, members]
@@ -227,6 +227,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
     used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
     noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
+    added = list(zip(problem.designs, problem.offsets, fit.residuals.linear, strict=True))
     plain = [parameter.as_plain() for parameter in parameters]
     posterior = collect_posterior(plain, covariance[:count, :count] * np.outer(slope, slope), freedom)
     return Identification(
@@ -245,8 +246,8 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         tuple(r.measured for r in problem.replicas),
         fit.residuals.all,
         problem.rows,
-        tuple(_spread(problem, fit, i, False) for i in range(len(problem.replicas))),
-        tuple(_spread(problem, fit, i, True) for i in range(len(problem.replicas))),
+        tuple(design[0, :, :offsets] @ own[:offsets] for design, offsets, own in added),
+        tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
         noises,
         posterior,
         fit.interrupted,
@@ -274,12 +275,3 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
         f"this is the best of {tried}: if the model is right, it is a local minimum, which more time may leave"
     )
     return warnings
-
-
-def _spread(problem: Problem, fit: Fit, i: int, drifts: bool) -> np.ndarray:
-    """Read what offsets add to each channel of a recording, or drifts over the whole of it, shape (M,)."""
-    count, linear = problem.offsets[i], fit.residuals.linear[i]
-    if not drifts:
-        return np.asarray(problem.designs[i][0, :, :count] @ linear[:count])
-    part = problem.designs[i][-1, :, count:] - problem.designs[i][0, :, count:]
-    return np.asarray(part @ linear[count:])

@@ -36,19 +36,18 @@ class SampledReplica(Replica):
 
     derivative_error = 1e-3
 
-    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
+    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
         """Prepare the model.
 
         Args:
             scene: the scene.
             measured: the recording, checked.
             keys: names of single parameters.
-            caller: name of the function, for error messages.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
         """
-        self._prepare(scene, measured, keys, caller)
+        self._prepare(scene, measured, keys, "identify")
         self._base = playback(scene, measured)
         if scene.dimension == 2:
             tolerance = min(scene.tolerance or _TOLERANCE, _TOLERANCE)
@@ -138,9 +137,8 @@ class SampledReplica(Replica):
 
     def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute what is measured at some times [ns], and its rates, each of shape (T, M); None without a motion."""
-        columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
         try:
-            scene: Any = Variations(self._base, columns, (1,))[0]
+            scene: Any = self._scene_at(values)
         except SceneError:
             return None
         if gain:
