@@ -107,7 +107,7 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
     size = max(float(np.ptp(run.displacement)), 1e-300), max(float(np.abs(run.energies.work).sum()), 1e-300)
     values = np.zeros(0) if slopes is None else slopes.values
     moved = np.abs(jacobian) * np.maximum(np.abs(values), _LEAST)
-    effect = (moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0)
+    effect = np.asarray((moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0))
     return Outcome(results, jacobian, values, size, effect, run.time, left, run.unique)
 
 
