@@ -183,12 +183,8 @@ class Unknowns:
         whole = stack(Variations(self.base, columns, (count,))) if columns else stack_scenes([self.base] * count)
         for reason in whole.reasons.values():
             raise SceneError(reason)
-        part = whole.assembly
         waypoints = None if self.table is None else values[:, first:].reshape(count, self.table.waypoints, -1)
-        rows, seconds = self._rows(self.base.drive, part.drive.rows, waypoints)
-        path = Drive(np.arange(rows.shape[1], dtype=np.float64), None, rows, part.columns)
-        start = self._start(path, part)
-        return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
+        return self._assemble(whole.assembly, self.base.drive, waypoints)
 
     @property
     def _starts_relaxed(self) -> bool:
@@ -207,10 +203,14 @@ class Unknowns:
     def _is_patched(self) -> bool:
         return self.base.ground.track is not None
 
-    def _start(self, path: Drive, part: Assembly) -> np.ndarray:
-        if not self._starts_relaxed:
-            return part.start_displacement
-        return part.body.relaxed(path.targets[..., 0, : part.body.springs])
+    def _assemble(self, part: Assembly, drive: Drive, waypoints: np.ndarray | None) -> Cycle:
+        """Build a candidate, or many together, from arrays of the scene and the times of its drive."""
+        rows, seconds = self._rows(drive, part.drive.rows, waypoints)
+        path = Drive(np.arange(rows.shape[-2], dtype=np.float64), None, rows, part.columns)
+        start = part.start_displacement
+        if self._starts_relaxed:
+            start = part.body.relaxed(path.targets[..., 0, : part.body.springs])
+        return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
 
     def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
@@ -230,14 +230,10 @@ class Unknowns:
         return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
 
     def _cycle(self, scene: Scene, waypoints: np.ndarray | None) -> Cycle:
-        drive = scene.drive
-        rows, seconds = self._rows(drive, drive.rows, waypoints)
-        path = Drive(np.arange(rows.shape[0], dtype=np.float64), None, rows, drive.columns)
-        start = self._start(path, scene)
-        plan = Assembly(scene.parts, scene.body, scene.ground, scene.columns, path, start)
+        cycle = self._assemble(scene, scene.drive, waypoints)
         if self._is_patched and self._starts_relaxed:
-            plan = relax_loaded(plan)
-        return Cycle(plan, seconds)
+            return dataclasses.replace(cycle, plan=relax_loaded(cycle.plan))
+        return cycle
 
     def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
         """Build a candidate, and differentiate its arrays.
