@@ -73,6 +73,9 @@ class Replica:
 
     Attributes:
         derivative_error: part by which derivatives may be wrong [1]; 0 for exact ones.
+        start_values: the values of the parameters in the scene, shape (P,).
+        is_affine: whether all arrays of the scene are affine in the parameters, so that an evaluation costs little.
+        limits: the parameters that move a limit, a stop or another knot of a spring.
     """
 
     derivative_error = 0.0
@@ -97,12 +100,14 @@ class Replica:
                 f"{measured.name}: {numbers:.1e} derivatives; at most {_MOST_NUMBERS:.0e}: keep fewer rows"
             )
         self._local = self._derive(None)
-        far = self._local.values * 1.37 + 0.011 * (self._local.values == 0.0)
+        self.start_values = self._local.values
+        self.limits: list[int] = np.flatnonzero(self._local.pieces[:, (BEGIN, END)].any(axis=(0, 1))).tolist()
+        far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
         try:
             agrees = not self._base.body.bends and _agree(self._local, self._derive(far))
-            self._affine = agrees and self._is_recorded
+            self.is_affine = agrees and self._is_recorded
         except SceneError:
-            self._affine = False
+            self.is_affine = False
 
     def _prepare(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str) -> None:
         """Check the keys against the scene that plays the recording."""
@@ -177,22 +182,6 @@ class Replica:
     @property
     def _is_recorded(self) -> bool:
         return self.measured.command_names != ()
-
-    @property
-    def start_values(self) -> np.ndarray:
-        """The values of the parameters in the scene, shape (P,)."""
-        return self._local.values
-
-    @property
-    def is_affine(self) -> bool:
-        """Whether all arrays of the scene are affine in the parameters, so that an evaluation costs little."""
-        return self._affine
-
-    @property
-    def limits(self) -> list[int]:
-        """The parameters that move a limit, a stop or another knot of a spring."""
-        knots = self._local.pieces[:, (BEGIN, END)]
-        return np.flatnonzero(knots.any(axis=(0, 1))).tolist()
 
     def predict(
         self,
@@ -313,7 +302,7 @@ class Replica:
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives, or zeros; None if they are not valid."""
         local, base = self._local, self._at
-        if not self._affine and not np.array_equal(values, local.values):
+        if not self.is_affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
                 if with_derivatives:

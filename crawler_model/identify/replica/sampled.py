@@ -53,22 +53,9 @@ class SampledReplica(Replica):
             tolerance = min(scene.tolerance or _TOLERANCE, _TOLERANCE)
             self._base = Scene.model_validate(self._base.document() | {"tolerance": tolerance})
         varied = Variations(self._base, {key: np.zeros(1) for key in keys}, (1,))
-        self._start_values = np.array([varied.origin(key) for key in keys])
-
-    @property
-    def start_values(self) -> np.ndarray:
-        """The values of the parameters in the scene, shape (P,)."""
-        return self._start_values
-
-    @property
-    def is_affine(self) -> bool:
-        """Whether an evaluation costs little: it takes two runs for each parameter."""
-        return False
-
-    @property
-    def limits(self) -> list[int]:
-        """The parameters that move a limit of a spring, which are not examined here."""
-        return []
+        self.start_values = np.array([varied.origin(key) for key in keys])
+        self.is_affine = False  # an evaluation takes two runs for each parameter
+        self.limits = []  # they are not examined here
 
     def at(self, values: np.ndarray) -> None:
         """Build nothing: changes of the model are not tested here.
@@ -110,7 +97,7 @@ class SampledReplica(Replica):
         """
         at = np.rint(np.maximum(self.measured.time - lag, 0.0) * NS).astype(np.int64)
         count = values.size + with_gain
-        steps = np.append(_STEP * np.maximum(np.abs(values), _SMALLEST * np.abs(self._start_values)), _STEP)
+        steps = np.append(_STEP * np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values)), _STEP)
         steps = np.where(steps > 0.0, steps, _STEP)
         moves = [(p, side * steps[p]) for p in range(count) for side in (1.0, -1.0)]
 
