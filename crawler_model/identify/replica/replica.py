@@ -6,6 +6,7 @@ scene is assembled anew at every value.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 from collections.abc import Sequence
@@ -99,15 +100,14 @@ class Replica:
             raise MeasurementError(
                 f"{measured.name}: {numbers:.1e} derivatives; at most {_MOST_NUMBERS:.0e}: keep fewer rows"
             )
-        self._local = self._derive(None)
+        self._local = differentiate_arrays(self._base, self._keys, _CALLER)
         self.start_values = self._local.values
         self.limits: list[int] = np.flatnonzero(self._local.pieces[:, (BEGIN, END)].any(axis=(0, 1))).tolist()
-        far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
-        try:
-            agrees = not self._base.body.bends and _agree(self._local, self._derive(far))
-            self.is_affine = agrees and self._is_recorded
-        except SceneError:
-            self.is_affine = False
+        self.is_affine = False
+        if self._is_recorded and not self._base.body.bends:
+            far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
+            with contextlib.suppress(SceneError):
+                self.is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
 
     def _prepare(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str) -> None:
         """Check the keys against the scene that plays the recording."""
@@ -167,13 +167,6 @@ class Replica:
             return None
         found = follow_times(*plan, self.measured.time, self._is_recorded)
         return None if found is None else (plan[0], found[0])
-
-    def _derive(self, values: np.ndarray | None) -> Derivatives:
-        """Differentiate the arrays of the scene at some values."""
-        scene = self._base if values is None else self._scene_at(values)
-        if values is None:
-            self._at = scene
-        return differentiate_arrays(scene, self._keys, _CALLER)
 
     def _scene_at(self, values: np.ndarray) -> Scene:
         columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
@@ -301,7 +294,7 @@ class Replica:
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives, or zeros; None if they are not valid."""
-        local, base = self._local, self._at
+        local, base = self._local, self._base
         if not self.is_affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
