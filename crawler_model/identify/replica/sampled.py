@@ -21,7 +21,7 @@ from ...sweep.workers import available_cores
 from ..measurements import Measurements
 from .changes import Change
 from .playback import playback
-from .replica import Prediction, Replica, Slack
+from .replica import Prediction, Replica
 
 _TOLERANCE = 1e-5
 """Of runs in the plane, far below the differences of runs."""
@@ -57,23 +57,8 @@ class SampledReplica(Replica):
         self.is_affine = False  # an evaluation takes two runs for each parameter
         self.limits = []  # they are not examined here
 
-    def at(self, values: np.ndarray) -> None:
-        """Build nothing: changes of the model are not tested here.
-
-        Args:
-            values: of the parameters, shape (P,).
-        """
-
-    def slack(self, values: np.ndarray) -> Slack | None:
-        """Compute nothing: how far forces stayed from their bounds is not examined here.
-
-        Args:
-            values: of the parameters, shape (P,).
-
-        Returns:
-            None.
-        """
-        return None
+    def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> None:
+        """Build nothing: neither how far forces stay from their bounds nor changes of the model are examined here."""
 
     def predict(
         self,
