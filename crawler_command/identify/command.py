@@ -115,7 +115,7 @@ def identify_command(
     keys = split_keys(fit)
     limits = parse_bounds("--bounds", bounds or ())
     described = _describe_tables(recordings, columns, units, commands)
-    topics = parse_topics(topic or ())
+    topics = _parse_topics(topic or ())
     measured = [one for path in recordings for one in _read(path, loaded, topics, described)]
     with progress_bar("identifying") as progress:
         found = identify(loaded, measured, keys, limits, hold_out, chosen, known, starts, seed, progress, seconds)
@@ -162,18 +162,8 @@ def split_keys(texts: Sequence[str]) -> list[str]:
     return [key.strip() for text in texts for key in text.split(",") if key.strip()]
 
 
-def parse_topics(texts: Sequence[str]) -> dict[str, str]:
-    """Parse the `--topic` options.
-
-    Args:
-        texts: each NAME=RECORDED.
-
-    Returns:
-        The recorded names by name.
-
-    Raises:
-        CrawlerError: with one line that describes the correct form.
-    """
+def _parse_topics(texts: Sequence[str]) -> dict[str, str]:
+    """Parse the `--topic` options, each NAME=RECORDED, into the recorded names by name."""
     found: dict[str, str] = {}
     for text in texts:
         name, _, recorded = text.partition("=")

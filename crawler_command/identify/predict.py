@@ -52,22 +52,15 @@ def predict_command(
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
         return
-    screen.print(tabulate_forecast(found))
+    screen.print(_tabulate_forecast(found))
     for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
         screen.print(line)
     if png is not None:
         screen.print(f"picture: {png}")
 
 
-def tabulate_forecast(found: Forecast) -> Table:
-    """Build the table of predicted numbers.
-
-    Args:
-        found: the prediction.
-
-    Returns:
-        A row for each number.
-    """
+def _tabulate_forecast(found: Forecast) -> Table:
+    """Build the table of predicted numbers, with a row for each."""
     table = Table(title=f"{found.scene.name}: prediction", title_justify="left")
     for name in ("", "value", "95 % band", "unit"):
         table.add_column(name)

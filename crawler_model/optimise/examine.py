@@ -59,7 +59,7 @@ def finish(
     if not scene.has_exact_derivatives:
         regime = dataclasses.replace(regime, peak=find_followed_peak(scene, goal.periods))
     patched = scene.ground.track is not None
-    value = worst_value(space, point)
+    value = _worst_value(space, point)
     one_sided, kinks = _find_kinks(unknowns, values, goal)
     others = [
         (score, other) for score, other in found.optima if not np.allclose(space.canonical(other), point, atol=1e-3)
@@ -100,23 +100,15 @@ def finish(
     )
 
 
-def worst_value(space: Space, point: np.ndarray) -> float:
-    """Compute the objective of a candidate over all scenes.
-
-    Args:
-        space: the candidates.
-        point: in the unit box, shape (P,).
-
-    Returns:
-        The value [m or 1]; NaN where it has none.
-    """
+def _worst_value(space: Space, point: np.ndarray) -> float:
+    """Compute the objective of a candidate in the unit box over all scenes [m or 1]; NaN where it has none."""
     return space.value(space.regimes(point[None])[0])
 
 
 def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alternative:
     point = space.canonical(point)
     values = space.values(point)
-    return Alternative(worst_value(space, point), values, unknowns.document(values)["drive"])
+    return Alternative(_worst_value(space, point), values, unknowns.document(values)["drive"])
 
 
 def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[bool, tuple[Kink, ...]]:

@@ -49,7 +49,7 @@ def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> t
     space = evaluator.space
     while not stop():
         point, score = _flip_single(evaluator, point, score, stop)
-        moved = [space.repair(other) for other in block_moves(space, point)]
+        moved = [space.repair(other) for other in _block_moves(space, point)]
         if not moved:
             break
         scores = evaluator.scores(moved)
@@ -60,16 +60,8 @@ def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> t
     return point, score
 
 
-def block_moves(space: Space, point: np.ndarray) -> list[np.ndarray]:
-    """Change several waypoints at once: one link earlier or later, or a waypoint like another one or opposite to it.
-
-    Args:
-        space: the candidates.
-        point: shape (P,).
-
-    Returns:
-        The changed points; none without a table.
-    """
+def _block_moves(space: Space, point: np.ndarray) -> list[np.ndarray]:
+    """Change several waypoints at once: one link earlier or later, or a waypoint like another one or opposite to it."""
     numbers, rows = space.scenes[0].split(point)
     if rows is None:
         return []
@@ -117,12 +109,12 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
 
     The score is piecewise smooth. Each step maximises the least of several planes: those of all scores and, where no
     step along them is better, those of points on the other side of the kink, too. Without derivatives, see
-    `search_around`.
+    `_search_around`.
 
     Args:
         evaluator: computes scores and derivatives.
         point: where to begin, shape (P,).
-        score: its score [m or 1].
+        score: its score [m, rad or 1].
         stop: called between batches; True ends the search.
 
     Returns:
@@ -135,7 +127,7 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
         if not planes:
             planes = [(point, value, slope) for value, slope in evaluator.slopes(point)]
             if not planes:
-                return search_around(evaluator, point, score, stop)
+                return _search_around(evaluator, point, score, stop)
             corner = len(planes)
         sizes = radius * 0.25 ** np.arange(4)
         steps = [space.repair(best_step(evaluator, point, planes, size)) for size in sizes]
@@ -155,18 +147,8 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
     return point, score
 
 
-def search_around(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
-    """Search without derivatives (compass search): move single unknowns by steps, halved where none is better.
-
-    Args:
-        evaluator: computes the scores.
-        point: where to begin, shape (P,).
-        score: its score [m, rad or 1].
-        stop: called between batches; True ends the search.
-
-    Returns:
-        The best point, and its score.
-    """
+def _search_around(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    """Search without derivatives (compass search): move single unknowns by steps, halved where none is better."""
     radius = 0.5 * _LARGEST_STEP
     while radius > _SMALLEST_MOVE and not stop():
         steps = radius * np.vstack((np.eye(point.size), -np.eye(point.size)))

@@ -217,7 +217,7 @@ def find_fit(
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     if coarse is not problem and not interrupted:  # to go on there costs less
         best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
-    fit = refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
+    fit = _refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
     reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
     return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
 
@@ -227,19 +227,10 @@ def _find_size(problem: Problem, fit: Fit) -> float:
     return max((size.ratio for size in measure_misfit(problem, fit.residuals)), default=1.0)
 
 
-def refit(
-    problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None = None, part: float = 0.0
-) -> Fit:
-    """Fit and estimate the noise in turn.
+def _refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None, part: float) -> Fit:
+    """Fit, from unknowns at which a motion exists, and estimate the noise of the problem in turn.
 
-    Args:
-        problem: the problem; its noise is estimated.
-        unknowns: the start, shape (U,), at which a motion exists.
-        progress: called with the fraction done, in [0, 1].
-        part: as for `fit_from`, as long as the noise is not estimated [1].
-
-    Returns:
-        The fit.
+    As long as the noise is not estimated, `part` holds as for `fit_from`.
     """
     held = np.zeros(problem.count, np.bool_)
     fit: Fit | None = None

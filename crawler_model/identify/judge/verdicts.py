@@ -124,7 +124,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     values = problem.space.to_values(fit.unknowns[:count])
     with np.errstate(divide="ignore", invalid="ignore"):
         larger = np.where(problem.space.logarithmic, np.maximum(problem.space.origin / values, 1.0), 1.0)
-    jacobian = effective_jacobian(problem, fit.residuals.jacobian) * larger
+    jacobian = _effective_jacobian(problem, fit.residuals.jacobian) * larger
     found = Structure()
     if known is not None:
         found.held, found.groups = set(known.held), [set(g) for g in known.groups]
@@ -181,15 +181,11 @@ def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -
     return [free[logs[worst]]], float(widths[worst])
 
 
-def effective_jacobian(problem: Problem, jacobian: np.ndarray) -> np.ndarray:
+def _effective_jacobian(problem: Problem, jacobian: np.ndarray) -> np.ndarray:
     """Remove from the derivatives what the unknown numbers of the sensors can imitate, as far as their priors allow.
 
-    Args:
-        problem: the problem.
-        jacobian: of the whitened residuals and priors, shape (R, U).
-
-    Returns:
-        Derivatives with respect to the coordinates of the parameters, shape (R, P).
+    Of the derivatives of whitened residuals and priors, shape (R, U), those with respect to the coordinates of the
+    parameters are left, shape (R, P).
     """
     count = problem.space.origin.size
     jacobian, others = jacobian[:, :count], jacobian[:, count:]
