@@ -160,9 +160,8 @@ class Problem:
         for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
             known |= {c: n for c, n, p in zip(replica.measured.channels, one, present.T, strict=True) if p.any()}
         for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
-            for m, channel in enumerate(replica.measured.channels):
-                if not present[:, m].any():
-                    one[m] = known.get(channel, one[m])
+            channels = zip(replica.measured.channels, one, present.T, strict=True)
+            one[:] = [n if p.any() else known.get(c, n) for c, n, p in channels]
 
     @property
     def is_large(self) -> bool:
@@ -360,20 +359,16 @@ class Problem:
         Returns:
             For each recording, one for each channel.
         """
-        found, place = [], 0
+        found, first = [], 0
         for i, channels in enumerate(self.channels):
-            mine = []
-            for channel in channels:
-                mine.append(slice(place, place + channel.rows.size))
-                place += channel.rows.size
-            place += self._count_drifts(i)
-            found.append(mine)
+            ends = first + np.cumsum([0, *(channel.rows.size for channel in channels)])
+            found.append([slice(*pair) for pair in itertools.pairwise(ends.tolist())])
+            first = int(ends[-1]) + self._count_drifts(i)
         return found
 
     def _count_drifts(self, recording: int) -> int:
         """Count the priors of the drifts of a recording."""
-        known = self.sensor.drift.deviation > 0.0
-        return self.designs[recording].shape[-1] - self.offsets[recording] if known else 0
+        return int(self.designs[recording].shape[-1]) - self.offsets[recording]
 
 
 def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
