@@ -90,6 +90,11 @@ class Announcer(event.Listener):
                 self._kind = ""
                 self._put("")
 
+    def spent(self) -> float:
+        """Return for how long kernels have been compiled in this process [s]."""
+        with self._writing:
+            return sum(self._seconds.values()) + (time.monotonic() - self._began if self._kind else 0.0)
+
     def _refresh(self, began: float) -> None:
         """Keep the text up to date: the last step of a large function takes many seconds."""
         while True:

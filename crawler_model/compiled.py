@@ -341,3 +341,8 @@ def _check_address_space() -> None:
 
 announcer = Announcer(_check_address_space)
 event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]
+
+
+def clock() -> float:
+    """Return a time that stops while kernels are compiled, which takes longer than most time limits [s]."""
+    return time.monotonic() - announcer.spent()

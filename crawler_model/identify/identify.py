@@ -74,7 +74,8 @@ def identify(
         starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
-        seconds: time in which more starts are tried as long as none leads to a fit [s]; 0 for the first start alone.
+        seconds: time, compiling aside, in which more starts are tried as long as none leads to a fit [s]; 0 for the
+            first start alone.
 
     Returns:
         The result.

@@ -72,7 +72,7 @@ def optimise(
         tension: largest tension of a spring [N].
         robust: bounds of factors by dotted key: the gait is best where it is worst, over all corners of this box.
         period: of the waypoints [s]; None for that of the scene's drive, or 1 s.
-        seconds: time limit [s], on which the result then depends; None for none.
+        seconds: time limit, compiling aside [s], on which the result then depends; None for none.
         seed: of the random numbers; same seed, same result, on any number of cores.
         progress: called with the completed part, in [0, 1].
         robust_to: what is known about the numbers of the scene, a `Posterior`: the gait is best over bodies drawn from

@@ -109,7 +109,7 @@ def pareto(
 
     Args:
         scene: a scene, a path or a gallery name.
-        seconds: time limit [s], on which the result then depends; None for none.
+        seconds: time limit, compiling aside [s], on which the result then depends; None for none.
         seed: of the random numbers.
         progress: called with the completed part, in [0, 1].
         limits: waypoints, stroke, free, rate, tension, robust, period, towards and periods, as for `optimise`.

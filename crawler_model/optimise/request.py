@@ -215,11 +215,13 @@ def find_planar_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | No
             if name not in names:
                 raise SceneError(f"stroke: {name!r}; the links and joints are {', '.join(names)}")
         moves = np.array([name in stroke for name in names])
+    elif stroke is None and scene.parts.drive is not None:
+        if not moves.any():
+            raise SceneError(f"stroke: missing, and the drive of the scene moves none of {', '.join(names)}")
+        return moves, [(float(column.min()), float(column.max())) for column in rows.T[moves]]
     elif not moves.any():
         moves[:] = True
     chosen = [name for name, moved in zip(names, moves, strict=True) if moved]
-    if stroke is None and np.ptp(rows, axis=0).any():
-        return moves, [(float(column.min()), float(column.max())) for column in rows.T[moves]]
     return moves, find_strokes(scene, chosen, stroke)
 
 

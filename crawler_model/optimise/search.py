@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..compiled import clock
 from .goal import best_first
 from .polish import climb, flip, improves
 from .space import Evaluator, Space
@@ -102,7 +102,7 @@ class _Search:
         self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
         self.evaluator = Evaluator(space, threads, None if seconds is None else self.over)
-        self.began = time.perf_counter()
+        self.began = clock()
         self.progress = progress
         self.part = 0.0
         self.found = Found(space.repair(np.full(space.size, 0.5)), -np.inf)
@@ -124,7 +124,7 @@ class _Search:
         """Determine whether the time limit is reached, or without one that of the evaluations."""
         if self.seconds is None:
             return self.evaluator.evaluations >= _MOST_EVALUATIONS
-        passed = time.perf_counter() - self.began
+        passed = clock() - self.began
         self.report(passed / self.seconds)
         return passed >= self.seconds
 
@@ -137,7 +137,7 @@ class _Search:
         """Keep a point if it is the best one so far; it was found just now unless another time is given."""
         if improves(score, self.found.score) or not np.isfinite(self.found.score):
             self.found.point, self.found.score = point.copy(), score
-            self.found.found_after_s = (time.perf_counter() if when is None else when) - self.began
+            self.found.found_after_s = (clock() if when is None else when) - self.began
 
     def round(self, number: int, begin: list[np.ndarray]) -> None:
         """Search once: from random points and waves, from a changed optimum, or by CMA-ES around one."""

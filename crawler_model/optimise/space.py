@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..compiled import clock
 from ..errors import CrawlerError
 from ..sweep.workers import available_cores
 from .followed import find_followed_regime
@@ -232,7 +232,7 @@ class Evaluator:
         self.evaluations = 0
         """How many candidates were run, with derivatives or without."""
         self.best = np.zeros(0), -math.inf, 0.0
-        """The best of them, shape (P,), its score, and when it was found, as by `time.perf_counter` [s]."""
+        """The best of them, shape (P,), its score, and when it was found, as by `clock` [s]."""
         self._lock = threading.Lock()
         self._threads = available_cores() if threads is None else threads
         self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
@@ -266,7 +266,7 @@ class Evaluator:
             self.evaluations += len(points)
             for point, score in zip(points, found, strict=True):
                 if score > self.best[1]:
-                    self.best = point.copy(), score, time.perf_counter()
+                    self.best = point.copy(), score, clock()
         return found
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:

@@ -94,6 +94,22 @@ def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
     assert "compiling the kernels of environments" in done.stderr
 
 
+def test_time_limits_do_not_count_what_compiling_takes():
+    code = (
+        "import time\n"
+        "from crawler_model.compiled import announcer, clock, compiled\n"
+        "kernel = compiled(lambda x: x + 1.0)\n"
+        "kernel.py_func.__module__ = 'crawler_gym.x'\n"
+        "begin, began = clock(), time.monotonic()\n"
+        "kernel(1.0)\n"
+        "time.sleep(0.05)\n"
+        "passed, took = clock() - begin, time.monotonic() - began\n"
+        "assert 0.05 <= passed <= took - 0.5 * announcer.spent() < took, (passed, took, announcer.spent())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(("index", "shape"), [("i", 6), ("i, 0", (6, 1))])
 def test_no_index_counts_from_the_end(index, shape):
     """A kernel reads what precedes the view in memory; one that checks its indices refuses to."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...compiled import clock
 from ...errors import CrawlerError
 from .misfit import measure_misfit
 from .problem import Problem, Residuals
@@ -186,10 +186,10 @@ def find_fit(
     ends: list[tuple[float, str]] = []
     nearby: list[np.ndarray] = []
     left = np.inf
-    begin = time.monotonic()
+    begin = clock()
     try:
         for k, (family, start) in enumerate(generate_starts(coarse, rng)):
-            spent = (time.monotonic() - begin) / seconds if seconds else np.inf
+            spent = (clock() - begin) / seconds if seconds else np.inf
             if spent >= 1.0 and (k >= starts or (seconds == 0.0 and best is not None)):
                 break
             if family == "kick" and best is not None:

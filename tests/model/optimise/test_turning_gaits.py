@@ -64,6 +64,14 @@ def test_a_body_without_a_drive_needs_strokes_by_name():
         optimise(still, "turn", stroke={"joint_1": (0.0, 0.5)})
 
 
+@pytest.mark.parametrize("name", ["planar_rectilinear", "planar_three_points"])
+def test_a_drive_in_the_plane_that_moves_nothing_is_no_stroke(name):
+    document, links = load_scene(name).document(), load_scene(name).body.springs
+    document["drive"] = {"times": [0.0, 1.0], "actuation": [[[0.01, 0.0]] * links] * 2}
+    with pytest.raises(CrawlerError, match="stroke: missing, and the drive of the scene moves none of link_0/x, "):
+        optimise(Scene.model_validate(document), towards=0.0, waypoints=2)
+
+
 def test_a_number_of_the_scene_is_free():
     """The turn is largest where sliding to the left costs least."""
     free = {"body.joints.stiffness": (2.0, 10.0)}
