@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, inner, lean
-from ...rounding import CRITICAL
+from ...rounding import CRITICAL, EPS
 from ..state import (
     AMBIGUOUS,
     COMPLEMENTARITY,
@@ -51,8 +51,9 @@ _FAR_BEYOND = 1.5
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
-_LEAST_SHARE = 1e-5
-"""Part of the tolerance that any part of the ramp may take, or rounding errors would exhaust it."""
+_LEAST_SHARE, _RESOLVED = 1e-5, 64.0 * EPS
+"""What any part of the ramp may take, relative to the tolerance, and to the size of positions and displacements:
+rounding errors do not become smaller in shorter parts."""
 _BALANCED, _ROUNDING = 0.01, 1e-12
 """The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
 _LAST_STEP = 1.0 / 256.0
@@ -255,13 +256,14 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     aim = first * rest
     if fastest > 0.0:
         aim = snap(frame, place, aim, _BEYOND * tolerance * rest / fastest)
+    rounding = _RESOLVED * (farthest(frame.position, n) + farthest(state[0], n))
     wanted = progress[LENGTH]
     longer = crossed = np.inf, np.inf
     stops = 0
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
-        share = tolerance * max(length, _LEAST_SHARE)
+        share = max(tolerance * max(length, _LEAST_SHARE), rounding)
         limits = max(share, _SPENT * progress[LEFT]), tolerance, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
