@@ -148,12 +148,13 @@ def guess_robot(document: dict[str, Any], seed: int) -> Scene:
     return Scene.model_validate(document | {"friction": friction})
 
 
-def identify_robot(seed: int, kind: str) -> dict[str, Any]:
+def identify_robot(seed: int, kind: str, seconds: float = 10.0) -> dict[str, Any]:
     """Identify one robot.
 
     Args:
         seed: of the robot.
         kind: of the sensor.
+        seconds: as for `identify` [s].
 
     Returns:
         Kind, number of intervals, how many contain the truth, their half widths relative to the values [1], the largest
@@ -161,7 +162,7 @@ def identify_robot(seed: int, kind: str) -> dict[str, Any]:
     """
     document, measured = measure_robot(seed, kind)
     begin = time.perf_counter()
-    found = identify(guess_robot(document, seed), [measured], KEYS, hold_out=0.0)
+    found = identify(guess_robot(document, seed), [measured], KEYS, hold_out=0.0, seconds=seconds)
     spent = time.perf_counter() - begin
     inside, widths = 0, []
     for p in found.parameters:
