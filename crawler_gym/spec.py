@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -22,7 +21,7 @@ from crawler_ros.wire.states import shown_contacts
 from .actions import Actions, build_actions
 from .bounds import Spans, find_spans
 from .randomise import Ranges, read_ranges
-from .task import Task, build_task
+from .task import Task, build_task, check_number
 
 MOST_STEPS = 10_000_000
 
@@ -133,10 +132,8 @@ def build_spec(
     ratio = rational_rate(rate)
     if isinstance(steps, bool) or not isinstance(steps, int) or not 0 <= steps <= MOST_STEPS:
         raise CrawlerError(f"steps: {steps!r}; it must be a whole number, 0 .. {MOST_STEPS}; 0 for no limit")
-    if not isinstance(stroke_time, (int, float)) or not 0.0 < stroke_time < math.inf:
-        raise CrawlerError(f"stroke_time: {stroke_time!r}; it must be a number > 0 [s]")
-    if not isinstance(price, (int, float)) or not 0.0 <= price < math.inf:
-        raise CrawlerError(f"price: {price!r}; it must be a number >= 0")
+    check_number("stroke_time", stroke_time, "s")
+    check_number("price", price, "1", least=0.0)
     loaded = _with_loads(given, ranges)
     per_stroke = max(float(stroke_time * ratio), 1.0)
     actions = build_actions(loaded, stroke, friction, per_stroke)

@@ -21,6 +21,7 @@ from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 
 from .env import CrawlerEnv, describe_bad, read_action
+from .task import check_number
 
 _MANY = 1000.0
 """Observations are cut off at so many times the size of the body, or the friction of all points."""
@@ -85,10 +86,10 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if waypoints is not None and heading is not None:
             raise CrawlerError("heading: given together with waypoints; the task steer takes one of both")
         self._length = largest_distance(body)
-        self._heading = None if heading is None else _number("heading", heading, "rad", least=-math.inf)
+        self._heading = None if heading is None else check_number("heading", heading, "rad", least=-math.inf)
         self._waypoints = _read_waypoints(waypoints, self._length)
         default = 0.1 * self._length if heading is None else 0.05
-        self._tolerance = default if tolerance is None else _number("tolerance", tolerance, "m or rad")
+        self._tolerance = default if tolerance is None else check_number("tolerance", tolerance, "m or rad")
         self._rate = float(rational_rate(rate))
         if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
             raise CrawlerError(f"steps: {steps!r}; it must be a whole number >= 0; 0 for no limit")
@@ -98,9 +99,9 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._low, self._high = np.array(bounds).T
         start = self.scene.drive.rows[0, self._moved]
         self._low, self._high = np.minimum(self._low, start), np.maximum(self._high, start)
-        self._size = (self._high - self._low) / max(_number("stroke_time", stroke_time, "s") * self._rate, 1.0)
+        self._size = (self._high - self._low) / max(check_number("stroke_time", stroke_time, "s") * self._rate, 1.0)
         force = float(supporting_force(self.scene))
-        self._per_joule = _number("price", price, "1", least=0.0) / force
+        self._per_joule = check_number("price", price, "1", least=0.0) / force
         self.action_names = tuple(np.array(name_joints(body))[self._moved].tolist())
         self._bound = self._find_bounds(force)
         self.observation_space = spaces.Box(-self._bound, self._bound, dtype=np.float64)
@@ -241,14 +242,6 @@ def _read_waypoints(given: Sequence[Sequence[float]] | None, length: float) -> n
     if waypoints.ndim != 2 or waypoints.shape[1] != 2 or not waypoints.size or not np.isfinite(waypoints).all():
         raise CrawlerError(f"waypoints: {given!r}; they must be a list of places [x, y] [m], all finite")
     return waypoints
-
-
-def _number(name: str, given: Any, unit: str, least: float = 1e-12) -> float:
-    number = isinstance(given, (int, float)) and not isinstance(given, bool)
-    if not number or not math.isfinite(given) or given < least:
-        kind = "a finite number" if least < 0.0 else "a number > 0" if least > 0.0 else "a number >= 0"
-        raise CrawlerError(f"{name}: {given!r}; it must be {kind} [{unit}]")
-    return float(given)
 
 
 def make_env(scene: Scene | str | Path | None = None, task: str = "translation", **settings: Any) -> gymnasium.Env:

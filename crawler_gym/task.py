@@ -90,9 +90,12 @@ def build_task(
         length = length_of(scene.body)
         goal = _place(scene, place, length)
         unit = np.array([1.0, 0.0])[: scene.dimension]
-        return Task(name, unit, 0.0, goal, _positive("tolerance", tolerance, 0.01 * length, "m"))
+        reach = 0.01 * length if tolerance is None else check_number("tolerance", tolerance, "m")
+        return Task(name, unit, 0.0, goal, reach)
     unit = _direction(scene, name, direction, tilts)
-    steady = _positive("speed", speed, 0.25 * stroke_speed, "m/s") if name == "speed" else 0.0
+    steady = 0.25 * stroke_speed if name == "speed" else 0.0
+    if speed is not None:
+        steady = check_number("speed", speed, "m/s")
     return Task(name, unit, steady, np.zeros(scene.dimension), 0.0)
 
 
@@ -146,9 +149,23 @@ def _place(scene: Scene, place: float | Sequence[float] | None, length: float) -
     return goal
 
 
-def _positive(name: str, value: Any, default: float, unit: str) -> float:
-    if value is None:
-        return default
-    if not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-        raise CrawlerError(f"{name}: {value!r}; it must be a number > 0 [{unit}]")
-    return float(value)
+def check_number(name: str, given: Any, unit: str, least: float = 1e-12) -> float:
+    """Check a number among the settings.
+
+    Args:
+        name: what it is called.
+        given: what was given.
+        unit: its unit, for the error message.
+        least: the least valid number.
+
+    Returns:
+        The number, in its unit.
+
+    Raises:
+        CrawlerError: if it is not a number, not finite, or too small.
+    """
+    number = isinstance(given, (int, float)) and not isinstance(given, bool)
+    if not number or not math.isfinite(given) or given < least:
+        kind = "a finite number" if least < 0.0 else "a number > 0" if least > 0.0 else "a number >= 0"
+        raise CrawlerError(f"{name}: {given!r}; it must be {kind} [{unit}]")
+    return float(given)

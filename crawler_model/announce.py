@@ -91,7 +91,11 @@ class Announcer(event.Listener):
                 self._put("")
 
     def spent(self) -> float:
-        """Return for how long kernels have been compiled in this process [s]."""
+        """Measure for how long kernels have been compiled in this process.
+
+        Returns:
+            The time [s].
+        """
         with self._writing:
             return sum(self._seconds.values()) + (time.monotonic() - self._began if self._kind else 0.0)
 

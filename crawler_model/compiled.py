@@ -344,5 +344,9 @@ event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]
 
 
 def clock() -> float:
-    """Return a time that stops while kernels are compiled, which takes longer than most time limits [s]."""
+    """Read a clock that stops while kernels are compiled, which takes longer than most time limits.
+
+    Returns:
+        The time [s].
+    """
     return time.monotonic() - announcer.spent()

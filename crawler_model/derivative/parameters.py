@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -99,13 +100,14 @@ def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ..
     if isinstance(keys, str) or not keys:
         raise SceneError(f"{caller}: {keys!r}; it must be a list of at least one key, for example ['friction.forward']")
     names: list[str] = []
+    document = scene.document()
     for key in keys:
         if not isinstance(key, str):
             raise SceneError(f"{caller}: {key!r}; a key is a string, for example friction.forward")
-        node = _look_up(scene.document(), key_steps(key))
+        node = _look_up(document, key_steps(key))
         names.extend(_names_below(node, key) if isinstance(node, list) else [key])
-    for name in names:
-        if names.count(name) > 1:
+    for name, times in Counter(names).items():
+        if times > 1:
             raise SceneError(f"{caller}: {name} is named twice")
     return tuple(names)
 

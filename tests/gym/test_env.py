@@ -263,6 +263,7 @@ WRONG = [
     ({"steps": -1}, "steps: -1; it must be a whole number, 0 .. "),
     ({"rate": 0.0}, "rate: 0 Hz"),
     ({"price": float("nan")}, "price: nan; it must be a number >= 0"),
+    ({"stroke_time": True}, "stroke_time: True; it must be a number > 0 [s]"),
     ({"render_mode": "ascii"}, "render_mode: 'ascii'; it must be one of human, rgb_array, or None"),
     ({"scene": 7}, "Crawler-v0: 7; it must be a Scene, a path or a gallery name"),
     ({"randomise": {"mass": 1.0}}, "options: unknown key 'mass'; the nearest is "),
