@@ -51,7 +51,7 @@ _FAR_BEYOND = 1.5
 _SPENT, _AT_ONCE = 0.02, 0.125
 """Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
 that it may take."""
-_LEAST_SHARE, _RESOLVED = 1e-5, 64.0 * EPS
+_LEAST_SHARE, _RESOLVED = 1e-5, 512.0 * EPS
 """What any part of the ramp may take, relative to the tolerance, and to the size of positions and displacements:
 rounding errors do not become smaller in shorter parts."""
 _BALANCED, _ROUNDING = 0.01, 1e-12
