@@ -79,6 +79,13 @@ def test_on_a_terminal_the_announcement_moves_and_is_removed(tiny, tmp_path):
     assert last == ""
 
 
+def errors_of(code: str) -> str:
+    """What a program that ends well writes to its standard error."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
 def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
     """The balance of begun and ended compilations holds after an error, too."""
     code = (
@@ -89,9 +96,7 @@ def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
         "try:\n    broken(1.0)\nexcept TypingError:\n    pass\n"
         "assert announcer._depth == 0 and not announcer._kind"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
-    assert done.returncode == 0, done.stderr
-    assert "compiling the kernels of environments" in done.stderr
+    assert "compiling the kernels of environments" in errors_of(code)
 
 
 def test_time_limits_do_not_count_what_compiling_takes():
@@ -106,8 +111,7 @@ def test_time_limits_do_not_count_what_compiling_takes():
         "passed, took = clock() - begin, time.monotonic() - began\n"
         "assert 0.05 <= passed <= took - 0.5 * announcer.spent() < took, (passed, took, announcer.spent())"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
-    assert done.returncode == 0, done.stderr
+    errors_of(code)
 
 
 @pytest.mark.parametrize(("index", "shape"), [("i", 6), ("i, 0", (6, 1))])
