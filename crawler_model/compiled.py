@@ -264,10 +264,21 @@ class _Compiler(CompilerBase):  # type: ignore[misc]
 def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", pipeline_class=_Compiler, **more)(function)
     if hasattr(dispatcher, "_cache"):  # it is a plain function where kernels are interpreted
+        dispatcher._compiler.fold_argument_types = _without_literals(dispatcher._compiler.fold_argument_types)
         # RuntimeError: "no locator available": read-only, without a home to write to; or another version of numba
         with contextlib.suppress(RuntimeError, AttributeError):
             dispatcher._cache = _Cache(function)
     return dispatcher
+
+
+def _without_literals(fold: Callable[..., Any]) -> Callable[..., Any]:
+    """Type constants among the arguments of a call as variables: numba compiles a function again for each of them."""
+
+    def fold_plain(args: Any, kws: Any) -> Any:
+        signature, folded = fold(args, kws)
+        return signature, tuple(types.unliteral(each) for each in folded)  # type: ignore[no-untyped-call]
+
+    return fold_plain
 
 
 @functools.cache

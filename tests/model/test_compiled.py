@@ -1,4 +1,4 @@
-"""Kernels count references to arrays correctly, although they do not count their arguments."""
+"""Kernels count references to arrays correctly, although they do not count their arguments, and are compiled once."""
 
 from __future__ import annotations
 
@@ -54,6 +54,22 @@ def test_what_is_returned_outlives_what_it_came_from_and_nothing_else_does():
         np.testing.assert_array_equal(pair[0], longer)
     del kept, other, longer, pair
     assert (sys.getrefcount(a), sys.getrefcount(b)) == counts
+
+
+@inner
+def plus(pair, k):
+    return pair[0] + pair[1] + k
+
+
+@compiled
+def use_constants(n):
+    return plus((n, 1), 2) + plus((n, 3), n) + plus((4, 5), 6)
+
+
+def test_a_kernel_is_compiled_once_for_all_constants():
+    assert use_constants(10) == 13 + 23 + 15
+    use_constants.recompile()  # it may have been read from the cache
+    assert len(plus.signatures) == 1
 
 
 MEMORY = """
