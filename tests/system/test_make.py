@@ -49,3 +49,16 @@ def test_an_environment_that_make_made_is_made_again_when_the_requirements_chang
     (clone / ".venv" / ".made").touch()
     os.utime(clone / ".venv" / ".made", (0, 0))
     assert "-m venv --clear .venv" in make(clone, "-n", "demo").stdout
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_what_uv_cannot_install_pip_does(clone, status):
+    commands = clone / ".venv" / "bin"
+    commands.mkdir(parents=True)
+    for name, ends in (("uv", status), ("python", 0)):
+        (commands / name).write_text(f"#!/bin/sh\necho {name} $@ >> {clone}/log\nexit {ends}\n")
+        (commands / name).chmod(0o755)
+    (clone / ".venv" / ".made").touch()
+    assert make(clone, ".venv/.ready").returncode == 0
+    installed = [line.split()[0] for line in (clone / "log").read_text().splitlines() if " install " in line]
+    assert installed == ["uv", "python"][: 1 + status]
