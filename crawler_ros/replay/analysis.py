@@ -304,13 +304,13 @@ def _follow(
         return None, f"not simulated again: {why}", None, None
     recorded = parameters.get("method")
     start = Crawler(scene, None if recorded == "auto" else recorded)
-    fitted: int | None = None
+    begin, fitted = start, None
     if int(ledger.stamp_ns[0]) > 0:
         try:
-            start, fitted = fit_start(survey, robot, start, rate)
+            begin, fitted = fit_start(survey, robot, start, rate)
         except BagError as error:
             return None, f"not simulated again: {str(error).removeprefix(f'{survey.path}: ')}", None, start.method
-    compared = Resimulation(survey, robot, start, rate, sinks, fitted or 0).run(progress)
+    compared = Resimulation(survey, robot, start, rate, sinks, (begin, fitted or 0)).run(progress)
     return compared, _explain(survey, compared, start, fitted, recorded is not None), fitted, start.method
 
 

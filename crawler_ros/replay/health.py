@@ -193,18 +193,25 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
     return None
 
 
-def states_every(survey: Survey) -> int:
+def states_every(survey: Survey, robot: Robot, rate: Fraction | None) -> int:
     """Find how many ticks lie between the states of a recording.
 
     Args:
         survey: survey of the recording.
+        robot: the crawler.
+        rate: ticks per second [Hz]; None when it is not known.
 
     Returns:
-        The parameter `publish.every`; 1 when it is not recorded.
+        The parameter `publish.every`; when no parameters are recorded, the usual number of ticks.
     """
     parameters = survey.attachments.get("parameters")
-    every = parameters.get("publish.every") if isinstance(parameters, dict) else None
-    return every if isinstance(every, int) and every > 0 else 1
+    if isinstance(parameters, dict):
+        every = parameters.get("publish.every")
+        return every if isinstance(every, int) and every > 0 else 1
+    states = survey.topics.get(robot.recorded("joint_states"))
+    steps = np.diff(states.stamp_ns) if states is not None else np.zeros(0)
+    steps = steps[steps > 0]
+    return max(round(float(np.median(steps) * float(rate)) / NS), 1) if rate is not None and steps.size else 1
 
 
 def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
@@ -274,7 +281,7 @@ def check_topics(survey: Survey, robot: Robot, rate: Fraction | None) -> dict[st
     Returns:
         The health of each topic by name.
     """
-    every = states_every(survey)
+    every = states_every(survey, robot, rate)
     return {
         name: _check_topic(
             stamps, rate if robot.meant(name) in _TYPES else None, 1 if robot.meant(name) == _LEDGER else every

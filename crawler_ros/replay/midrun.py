@@ -45,21 +45,47 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
     ledger = Decoder(robot.recorded("applied_commands"), TRAJECTORY)
     states = Decoder(robot.recorded(source), JOINT_STATE)
     head = bag.Bag({})
-    commands: list[tuple[int, np.ndarray]] = []
-    seen: dict[int, np.ndarray] = {}
+    commands, seen = _FirstRun(), _FirstRun()
     for block in bag.read_blocks(survey.path, head):
-        for _, times, numbers in ledger.read(block, head.find(block, ledger.topic)):
-            ends = [next_tick_ns(int(ns), rate) for ns in times[:, 0]]
-            commands += zip(ends, numbers[-1], strict=True) if numbers else ()
-        for _, times, numbers in states.read(block, head.find(block, states.topic)):
-            seen |= dict(zip(times[:, 0].tolist(), numbers[0], strict=True))
-        first = min((end for end, _ in commands), default=None)
-        known = min((ns for ns in seen if first is not None and ns >= first), default=None)
+        commands.extend(ledger.read(block, head.find(block, ledger.topic)), -1)
+        seen.extend(states.read(block, head.find(block, states.topic)), 0)
+        ends = [next_tick_ns(ns, rate) for ns, _ in commands.messages]
+        known = next(((ns, x) for ns, x in seen.messages if ends and ns >= ends[0]), None)
         if known is not None:
-            _, row = max((c for c in commands if c[0] <= known), key=lambda c: c[0])
-            return _place(crawler, source, seen[known], row), known
-    what = "no state after its first command is recorded" if commands else "nothing is commanded in it"
-    raise bag.BagError(f"{begins}, and {what}")
+            _, row = commands.messages[int(np.searchsorted(ends, known[0], side="right")) - 1]
+            return _place(crawler, source, known[1], row), known[0]
+        if commands.ended or seen.ended:
+            break
+    what = "no state after its first command is recorded" if commands.messages else "nothing is commanded in it"
+    raise bag.BagError(f"{begins}, and {what}{' before it is reset' if commands.ended or seen.ended else ''}")
+
+
+class _FirstRun:
+    """The messages on a topic up to the first reset, where time goes back.
+
+    Attributes:
+        messages: times [ns] and numbers of those that hold any.
+        ended: whether there is a reset.
+    """
+
+    def __init__(self) -> None:
+        self.messages: list[tuple[int, np.ndarray]] = []
+        self.ended = False
+        self._last_ns = -1
+
+    def extend(self, groups: list[tuple[np.ndarray, np.ndarray, list[np.ndarray]]], part: int) -> None:
+        """Add a part of the numbers of messages, in the order in which these were recorded."""
+        added: list[tuple[int, int, np.ndarray | None]] = []
+        for at, times, numbers in groups:
+            rows = numbers[part] if numbers else [None] * at.size
+            added += zip(at.tolist(), times[:, 0].tolist(), rows, strict=True)
+        for _, ns, row in sorted(added, key=lambda message: message[0]):
+            self.ended |= ns < self._last_ns
+            if self.ended:
+                return
+            self._last_ns = ns
+            if row is not None:
+                self.messages.append((ns, row))
 
 
 def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) -> Crawler:

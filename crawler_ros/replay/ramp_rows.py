@@ -139,6 +139,7 @@ class RampRows:
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
+        gained[:, body.share == 0.0] = 0.0  # points that do not touch the ground
         forward, backward = self._parts.slid(gained if body.turning is None else to_frame(body, x, gained))
         return Piece(
             run=np.array(self.run, np.int64),
@@ -188,7 +189,7 @@ class RampRows:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
             return bound_distances(force, forward, backward)
         if body.turning is not None:
-            return np.array(self._own_margins)
+            return np.where(body.share > 0.0, np.array(self._own_margins), np.inf)
         _, friction, _ = split_target(body, scene.directions, target)
         force = force + self._loads(target)
         if scene.directions.size == 0:

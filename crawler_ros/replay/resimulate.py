@@ -97,30 +97,31 @@ class Resimulation:
         start: Crawler,
         rate: Fraction | None,
         sinks: Sequence[Sink],
-        begin_ns: int = 0,
+        begin: tuple[Crawler, int],
     ) -> None:
         """Prepare the simulation at its start.
 
         Args:
             survey: survey of the recording.
             robot: the crawler.
-            start: the crawler at simulated time `begin_ns`.
+            start: the crawler at simulated time 0, where it returns to when it is reset.
             rate: ticks per second [Hz].
             sinks: callables that receive every ramp.
-            begin_ns: simulated time before which ledger messages are skipped [ns].
+            begin: the crawler where the recording begins, and its simulated time, before which ledger messages are
+                skipped [ns].
         """
         self.comparison = Comparison(rounding=max(_ROUNDING, tolerance_of(start.scene)))
         self._survey, self._rate, self._sinks = survey, rate, sinks
-        self._start, self._crawler, self._begin_ns = start, start.copy(), begin_ns
+        self._start, self._crawler, self._begin_ns = start, begin[0].copy(), begin[1]
         scene = start.scene
         self._scene, self._body = scene, scene.body
         self._shown = shown_contacts(scene.body)
         self._readout = Readout(scene.body, self._shown)
         self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
-        self._row = start.row
-        self._target = scene.columns.target(start.row)
-        self._run, self._last_ns, self._ticked = 0, begin_ns - 1, False
-        self._end_ns = begin_ns
+        self._row = self._crawler.row
+        self._target = scene.columns.target(self._row)
+        self._run, self._last_ns, self._ticked = 0, self._begin_ns - 1, False
+        self._end_ns = self._begin_ns
         self._waiting = {name: (_Unpaired(), _Unpaired()) for name in _STATES}
         self._decoders = {
             name: Decoder(robot.recorded(name), kind)
@@ -208,7 +209,7 @@ class Resimulation:
         self._row = self._start.row
         self._target = self._scene.columns.target(self._start.row)
         self._run += 1
-        self._last_ns, self._ticked, self._end_ns = -1, False, 0
+        self._begin_ns, self._last_ns, self._ticked, self._end_ns = 0, -1, False, 0
         self.comparison.resets += 1
         self._send_start()
 
@@ -227,7 +228,7 @@ class Resimulation:
                 self._send(rows)
                 rows = RampRows(self._scene, self._widths)
                 self._reset()
-            if stamp < self._begin_ns and self._run == 0:
+            if stamp < self._begin_ns:
                 continue
             if stamp == self._last_ns:
                 self.comparison.duplicates += 1

@@ -98,8 +98,8 @@ def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill
         for k in np.flatnonzero(until - since >= max(least, 1.0)).tolist():
             if standstill is not None and run == table.run[-1] and k == since.size - 1:
                 continue
-            inside = margin[(end > since[k]) & (end <= until[k])]
-            first, last = np.searchsorted(changes, (since[k], until[k]), side="right")
+            inside = margin[(end > since[k]) & (start < until[k])]  # the slip may begin with a ramp of no duration
+            first, last = np.searchsorted(changes, since[k], side="right"), np.searchsorted(begins, until[k])
             known = inside.size > 0 and bool(np.isfinite(inside).all())
             nearest = max(float(inside.min()), 0.0) if known else None
             begin = float(max(begins[first], since[k])) / NS if last > first else None

@@ -26,7 +26,7 @@ from crawler_ros.replay.standstill import Standstill
 from crawler_ros.wire.topics import read_topics
 
 from ..commands import crawler
-from ..recordings import attachments, hold, messages, play, record, rewrite, write
+from ..recordings import STATES, attachments, hold, messages, play, record, rewrite, write
 
 
 def test_strategy_b_slips_the_wrong_way_first(tmp_path):
@@ -118,6 +118,44 @@ def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_hol
     assert "begins in mid-run" in found.explanation
     assert found.problems == ()
     assert found.cycles[-1].translation == pytest.approx(simulate(load_scene(name), duration=8.0).per_period[-1])
+
+
+def test_a_recording_that_begins_in_mid_run_and_is_reset_begins_in_the_first_run(tmp_path):
+    """The stamps of the second run begin at 0 again, and so does its state."""
+    scene = load_scene("two_anchor_a")
+    sent = list(messages(scene, play(scene, 0, 4 * NS)))
+    late = [message for message in sent if message[1] >= NS]
+    found = analyse(write(tmp_path / "a", [*late, *sent], {}), scene)
+    assert found.fitted_ns == NS + 10_000_000
+    assert (found.comparison.resets, found.comparison.missing, found.comparison.unmatched) == (
+        1,
+        0,
+        3,
+    )  # the state it begins with, thrice
+    assert found.comparison.max_difference < 1e-12
+    assert found.problems == ()
+
+
+def test_a_reset_before_any_command_of_a_mid_run_is_named(tmp_path):
+    scene = load_scene("two_anchor_a")
+    sent = list(messages(scene, play(scene, 0, NS)))
+    late = [message for message in messages(scene, hold(0, 100)) if message[1] >= NS // 2]
+    found = analyse(write(tmp_path / "a", [*late, *sent], {}), scene)
+    assert found.comparison is None
+    assert "nothing is commanded in it before it is reset" in found.explanation
+
+
+def test_of_states_that_were_published_now_and_then_none_is_missing(tmp_path):
+    """`publish.every` is a parameter, and `ros2 bag record` records none."""
+    every = 7
+    keep = lambda name, stamp, data: [(name, stamp, data)] * (name not in STATES or stamp % (every * 10**7) == 0)  # noqa: E731
+    lose = lambda name, stamp, data: keep(name, stamp, data) * (name != "pose" or stamp != every * 10**8)  # noqa: E731
+    source, scene = record(tmp_path / "a", "two_anchor_a", 2), load_scene("two_anchor_a")
+    found = analyse(bare(source, tmp_path / "bare", keep), scene)
+    assert found.problems == ()
+    assert found.comparison.identical
+    found = analyse(bare(source, tmp_path / "lost", lose), scene)
+    assert [name for name, topic in found.topics.items() if topic.missing] == ["/pose"]
 
 
 def test_times_at_limits_are_those_of_the_table_of_the_run(tmp_path):
@@ -462,6 +500,16 @@ def test_a_rest_without_commands_says_so(tmp_path):
     (rest,) = analyse(path).rests
     assert (rest.since, rest.run) == (1.0, 0)
     assert rest.until >= 3.0
+
+
+def test_a_slip_in_a_ramp_of_no_duration_ends_the_rest_before_it(tmp_path):
+    """An array and a trajectory in one tick: the length jumps at its start, and then follows the trajectory."""
+    scene = load_scene("two_contacts_anisotropic")
+    jump = (2 * NS, [0, 10**7], [np.array([0.3]), np.array([0.2])])
+    sent = messages(scene, itertools.chain(hold(0, 200), [jump]))
+    (rest,) = analyse(write(tmp_path / "a", sent, attachments(scene))).rests
+    assert (rest.until, rest.commanded) == (2.0, False)
+    assert rest.margin > 0.1
 
 
 def test_rests_within_cycles_are_the_gait_and_not_told(tmp_path):

@@ -15,7 +15,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.wire.messages import OdometryMessage
 
 from ..commands import crawler
-from ..recordings import record, rewrite
+from ..recordings import attachments, messages, record, rewrite, write
 from .test_replay import bare
 
 PERIODS, RATE = 8, 10.0
@@ -118,3 +118,14 @@ def test_a_data_set_has_the_turn_of_bodies_that_turn(bag, run, tmp_path):
     for name in ("cycles", "account"):
         assert list(line[name][0]) == list(turns[name][0])
         assert line[name][0]["turned"] is None
+
+
+def test_points_that_do_not_touch_the_ground_neither_slip_nor_have_a_margin(tmp_path):
+    """The hub of the star moves within a stroke that its feet hold."""
+    scene = load_scene("tripedal_star")
+    start, stroke = scene.drive.rows[0], 1e-4 * np.eye(scene.columns.count)[3]
+    little = [(tick * 10**8, [10**8], [start + tick * stroke]) for tick in range(15)]
+    found = analyse(write(tmp_path / "star", messages(scene, little, 10.0), attachments(scene, 10.0)))
+    assert found.slips.contact.size == 0
+    assert found.margins.least > 0.01
+    assert found.standstill.commanded_until == pytest.approx(1.5)
