@@ -219,7 +219,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     parameters = judge(problem, fit, structure, below, above)
     sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))
-    score = score_held_out(problem, fit, covariance)
+    score = score_held_out(problem, fit, covariance, parameters)
     where = find_where(misfits)
     width = np.maximum(below, above)
     explanations = explain_misfit(problem, fit, width) if where is not None and not fit.interrupted else []

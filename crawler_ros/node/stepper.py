@@ -39,6 +39,7 @@ class Stepper:
         self._played = [0, 0]  # wall and simulated time before the present stretch of playing [ns]
         self._playing: tuple[int, int] | None = None  # both at its start
         self.late = 0
+        self._before = 0  # ticks before the last reset
         self.first_late_ns = self.worst_late_ns = self.worst_delay_ns = 0
         """Simulated time at the start of the first late tick and of the one that began latest, and its delay [ns]."""
         self.paused = False
@@ -125,12 +126,14 @@ class Stepper:
         return f"simulated time lags {lag:.3f} s behind the clock, real-time factor {factor:.4f}"
 
     def describe(self, wall_ns: int) -> str:
-        """Describe the ticks run so far, and if any was late also the lag.
+        """Describe the ticks of all runs so far, and if any was late also the lag.
 
         Args:
             wall_ns: time of a steady clock [ns].
         """
-        return f"{self.tick} ticks, {self.late} late" + (f"; {self.describe_lag(wall_ns)}" if self.late else "")
+        count = self._before + self.tick
+        text = f"{count} tick{'s' * (count != 1)}, {self.late} late"
+        return f"{text}; {self.describe_lag(wall_ns)}" if self.late else text
 
     def _is_late(self, behind: int) -> bool:
         return behind > (self.next_ns - self.now_ns) / self._factor
@@ -202,4 +205,5 @@ class Stepper:
             wall_ns: time of a steady clock [ns].
         """
         self.end_stretch(wall_ns)
+        self._before += self.tick
         self._go_to(0)

@@ -74,6 +74,9 @@ def test_reset_goes_back_to_zero():
     stepper.reset(MS)
     assert stepper.now_ns == 0
     assert stepper.wait_ns(7 * MS) == MS
+    assert stepper.describe(7 * MS) == "1 tick, 0 late"  # of all runs
+    run(stepper, 8 * MS)
+    assert (stepper.tick, stepper.describe(8 * MS)) == (1, "2 ticks, 0 late")
 
 
 def test_what_slips_is_the_lag_and_stays():

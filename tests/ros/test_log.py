@@ -166,3 +166,9 @@ def test_its_log_is_emptied_by_one_process_that_ends_with_it(ros):
     # the last line, and it was there before the process ended
     assert re.search(r"stopped after \d+ ticks, \d+ late", said.splitlines()[-1])
     assert not os.path.exists(f"/proc/{drain}")
+
+
+def test_warnings_name_the_namespace(ros):
+    process = ros.start("crawler_ros.node.simulator", "scene:=ice", arguments=("-r", "__ns:=/left"))
+    ros.publish("/left/actuation_controller/commands", Float64MultiArray(data=[0.1, 0.2]), "actuation_controller/commands")
+    wait_until(lambda: "[left.crawler]: refused a message on actuation_controller/commands" in process.said)

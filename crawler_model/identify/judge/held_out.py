@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..fit.fit import Fit
-from ..fit.problem import Problem
+from ..fit.problem import Problem, Residuals
 from ..sensor.noise import find_spikes
+from .verdicts import Parameter
 
 _BAND = 1.96
 
@@ -47,18 +49,23 @@ class HeldOut:
         return {"residual": self.residual, "coverage": self.coverage, "size": self.size, "gain_error": self.gain_error}
 
 
-def score_held_out(problem: Problem, fit: Fit, covariance: np.ndarray) -> HeldOut | None:
+def score_held_out(
+    problem: Problem, fit: Fit, covariance: np.ndarray, parameters: Sequence[Parameter]
+) -> HeldOut | None:
     """Score the rows that were not fitted.
 
     Args:
         problem: the problem.
         fit: its end.
         covariance: of the unknowns, shape (U, U).
+        parameters: with their verdicts. Where only a bound is known, held-out rows may lie between the paths at the
+            bound and at the fit.
 
     Returns:
         The score; None if no row was held out.
     """
     errors, scaled, gains = [], [], []
+    at_bounds = _compute_at_bounds(problem, fit, parameters)
     all_residuals, deviations = list(fit.residuals.all), [residuals[:0] for residuals in fit.residuals.all]
     worst, largest = "", 0.0
     for i, replica in enumerate(problem.replicas):
@@ -69,7 +76,8 @@ def score_held_out(problem: Problem, fit: Fit, covariance: np.ndarray) -> HeldOu
         error = fit.residuals.all[i]
         if not problem.rows[i].any():
             error = error - _find_common(problem.designs[i][:, :, : problem.offsets[i]], error, out)
-        deviation = np.sqrt(_find_variance(problem, fit, i, covariance))
+        moved = 0.0 if at_bounds is None else at_bounds.all[i] - fit.residuals.all[i]
+        deviation = np.sqrt(_find_variance(problem, fit, i, covariance) + moved**2)
         all_residuals[i], deviations[i] = error, deviation
         errors.append(error[out])
         scaled.append(_without_spikes(error / deviation, out))
@@ -93,6 +101,16 @@ def score_held_out(problem: Problem, fit: Fit, covariance: np.ndarray) -> HeldOu
         tuple(all_residuals),
         tuple(deviations),
     )
+
+
+def _compute_at_bounds(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> Residuals | None:
+    """Compute the residuals where all parameters of which only a bound is known are there; None if there are none."""
+    bounds = {p: parameter.value for p, parameter in enumerate(parameters) if parameter.verdict == "bound"}
+    if not bounds:
+        return None
+    values = problem.space.to_values(fit.unknowns[: len(parameters)])
+    values[list(bounds)] = list(bounds.values())
+    return problem.compute(np.concatenate((problem.space.to_coordinates(values), fit.unknowns[len(parameters) :])))
 
 
 def _without_spikes(scaled: np.ndarray, out: np.ndarray) -> np.ndarray:

@@ -34,6 +34,8 @@ _LAGS = (1, 2, 3, 5, 8, 13, 21, 34)
 _FEWEST_PAIRS = 10
 _PERIODS = 12
 """Parts of a record, of which more than half show what noise is."""
+_NO_CHANCE = 10
+"""So many distances are all multiples of the least one by no chance."""
 _EDGE = 2
 """Rows at the ends of a rest that may belong to a slide."""
 
@@ -179,13 +181,13 @@ def find_pixel(values: np.ndarray) -> float:
         values: shape (T,) [m].
 
     Returns:
-        The step; 0 if there is none, or if few values are equal [m].
+        The step; 0 if there is none, or if it may be one by chance, where few values are equal [m].
     """
     known = np.unique(values)
     gaps = np.diff(known)
     rounding = 1e-9 * float(np.abs(known).max(initial=0.0))
     gaps = gaps[gaps > rounding]
-    if gaps.size == 0 or gaps.size > values.size / 2:
+    if gaps.size == 0 or (gaps.size > values.size / 2 and gaps.size < _NO_CHANCE):
         return 0.0
     pixel = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
     steps = (known - known[0]) / pixel

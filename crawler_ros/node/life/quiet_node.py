@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
 
@@ -24,7 +23,7 @@ class QuietNode(Node):
             name: name of the node.
             **options: for rclpy's Node.
         """
-        self.throttle = Throttle(get_logger(name).warning)  # before the node opens topics of its own
+        self.throttle = Throttle(lambda text: self.get_logger().warning(text))
         self._warned: set[str] = set()
         super().__init__(name, **options)
 

@@ -476,3 +476,19 @@ def test_the_same_seed_finds_the_same_bits() -> None:
     one = measure(document, times, rows, noise=1e-3)
     first, second = (identify(scaled(document, WRONG), [one], ALL).summary() for _ in range(2))
     assert first == second
+
+
+def test_held_out_rows_that_depend_on_a_bound_are_no_misfit() -> None:
+    """The last contact slides back only in rows that are held out: the fitted ones hold only what it bears."""
+    rng = np.random.default_rng(36)
+    sides = {"forward": rng.uniform(0.15, 0.3, 3).tolist(), "backward": rng.uniform(0.3, 0.5, 3).tolist()}
+    document = chain(3, friction=sides, start="relaxed")
+    times, rows = np.linspace(0.0, 8.0, 17).tolist(), rng.uniform(-0.06, 0.06, (17, 2))
+    guess = scaled(document, {"friction.backward": 1.2})
+    found = identify(guess, [measure(document, times, rows, noise=2e-4, rate=30.0)], FRICTION, seconds=0.0)
+    bounds = {p.name: p.value for p in found.parameters if p.verdict == "bound"}
+    assert bounds.keys() == {"friction.backward[1]", "friction.backward[2]"}
+    assert all(value < truth(document, name) for name, value in bounds.items())
+    assert found.score.residual > 5e-3  # at one value of those beyond the bound
+    assert found.score.coverage >= 0.9
+    assert found.model_fits

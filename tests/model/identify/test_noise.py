@@ -71,7 +71,9 @@ def test_pixels_are_found() -> None:
     rng = np.random.default_rng(3)
     x = 0.1 * np.sin(np.arange(800) / 30.0) + 0.3
     assert find_pixel(5e-4 * np.rint(x / 5e-4) + 1.23e-4) == pytest.approx(5e-4)
+    assert find_pixel(1e-5 * np.rint(x / 1e-5)) == pytest.approx(1e-5)  # most values differ
     assert find_pixel(x) == 0.0
+    assert find_pixel(x[:4]) == find_pixel(np.array([0.1, 0.1 + 3e-5, 0.1 + 9e-5])) == 0.0
     assert find_pixel(np.round(x + 2e-4 * rng.normal(size=800), 9)) == 0.0
     assert find_pixel(np.full(800, 0.1)) == 0.0
 
