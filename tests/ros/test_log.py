@@ -170,5 +170,7 @@ def test_its_log_is_emptied_by_one_process_that_ends_with_it(ros):
 
 def test_warnings_name_the_namespace(ros):
     process = ros.start("crawler_ros.node.simulator", "scene:=ice", arguments=("-r", "__ns:=/left"))
-    ros.publish("/left/actuation_controller/commands", Float64MultiArray(data=[0.1, 0.2]), "actuation_controller/commands")
+    ros.publish(
+        "/left/actuation_controller/commands", Float64MultiArray(data=[0.1, 0.2]), "actuation_controller/commands"
+    )
     wait_until(lambda: "[left.crawler]: refused a message on actuation_controller/commands" in process.said)
