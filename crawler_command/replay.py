@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from crawler_ros.replay.analysis import Replay
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
+    from crawler_ros.replay.show.tick_frames import TickFrames
 
 Recordings = Annotated[
     list[Path],
@@ -88,13 +89,10 @@ def replay(
         return
     recording, recovered = _recover(recording) if recover else (recording, "")
     loaded = None if scene is None else load_scene(scene)
-    outputs = _Outputs(parquet, png, two_columns)
+    outputs = _Outputs(parquet, png, two_columns, rrd, namespace)
     with progress_bar("replaying") as progress:
         found = analyse(recording, loaded, namespace, outputs.open, progress)
     written = outputs.write(found)
-    if rrd is not None:
-        _draw_rrd(recording, rrd, found)
-        written.append(f"drawn: {rrd}")
     if as_json:
         print(json.dumps(found.as_plain(), allow_nan=False))
     else:
@@ -106,12 +104,15 @@ def replay(
     _check_healthy(recording, found)
 
 
-def _draw_rrd(recording: Path, rrd: Path, found: Replay) -> None:
+def _draw_rrd(recording: Path, rrd: Path, found: Replay, ticks: TickFrames | None) -> None:
     if found.scene is None:
         raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
-    from crawler_ros.viewer.visualizer import draw_recording
+    from crawler_ros.viewer.visualizer import draw_frames, draw_recording
 
-    draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
+    if ticks is not None and ticks.frames:
+        draw_frames(found.scene, ticks.frames, rrd)
+    else:
+        draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
 
 
 def _check_healthy(recording: Path, found: Replay) -> None:
@@ -193,8 +194,12 @@ def _recover(recording: Path) -> tuple[Path, str]:
 class _Outputs:
     """The files written while a recording is read, and after."""
 
-    def __init__(self, parquet: Path | None, png: Path | None, two_columns: bool) -> None:
-        self._parquet, self._png, self._two_columns = parquet, png, two_columns
+    def __init__(
+        self, parquet: Path | None, png: Path | None, two_columns: bool, rrd: Path | None, namespace: str | None
+    ) -> None:
+        self._parquet, self._png, self._two_columns, self._rrd = parquet, png, two_columns, rrd
+        self._namespace = namespace
+        self._ticks: TickFrames | None = None
         self._tables: Any = None
         self._samples: Any = None
 
@@ -215,6 +220,15 @@ class _Outputs:
 
             self._samples = Samples(survey)
             sinks.append(self._samples)
+        if self._rrd is not None and scene is not None:
+            from crawler_ros.replay.health import choose_robot, find_rate, states_every
+            from crawler_ros.replay.show.tick_frames import TickFrames
+            from crawler_ros.viewer.frames import FRAME_EVERY_NS
+
+            robot = choose_robot(survey, self._namespace)
+            if states_every(survey, robot, find_rate(survey, robot)) > 1:
+                self._ticks = TickFrames(scene, FRAME_EVERY_NS)
+                sinks.append(self._ticks)
         return sinks
 
     def write(self, found: Any) -> list[str]:
@@ -227,4 +241,7 @@ class _Outputs:
 
             draw_replay(found, self._samples, self._png, self._two_columns)
             written.append(f"drawn: {self._png}")
+        if self._rrd is not None:
+            _draw_rrd(found.path, self._rrd, found, self._ticks)
+            written.append(f"drawn: {self._rrd}")
         return written

@@ -18,7 +18,9 @@ from crawler_model import CrawlerError
 from .screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen, whole_file
 
 if TYPE_CHECKING:
+    from crawler_model import Scene
     from crawler_pictures.film.film import Film
+    from crawler_ros.viewer.frames import Frame
 
 _SUFFIXES = (".mp4", ".gif", ".html")
 _PERIODS = 4
@@ -65,10 +67,14 @@ def view(
         rrd = recording
         if recording.suffix != ".rrd":
             from crawler_ros.replay.analysis import find_jumps
-            from crawler_ros.viewer.visualizer import draw_recording
+            from crawler_ros.viewer.frames import FRAME_EVERY_NS
+            from crawler_ros.viewer.visualizer import draw_frames, draw_recording
 
-            rrd = Path(folder) / "recording.rrd"
-            draw_recording(recording, rrd, jumps=find_jumps(recording))
+            rrd, again = Path(folder) / "recording.rrd", simulate_between(recording, FRAME_EVERY_NS)
+            if again is None:
+                draw_recording(recording, rrd, jumps=find_jumps(recording))
+            else:
+                draw_frames(*again, rrd)
         if png is not None:
             with progress_bar(f"rendering {png.name}"):
                 _render(recording, rrd, png, at)
@@ -90,8 +96,46 @@ def _render(recording: Path, rrd: Path, png: Path, at: float | None) -> None:
             from crawler_ros.viewer.frames import frames_of_recording
 
             print(f"crawler: {error}; drawn by matplotlib instead", file=sys.stderr)
-            scene, frames = frames_of_recording(recording)
+            scene, frames = simulate_between(recording) or frames_of_recording(recording)
             draw_instant(scene, list(frames), part, at)
+
+
+def simulate_between(recording: Path, every_ns: int = 0) -> tuple[Scene, list[Frame]] | None:
+    """Simulate a recording again where only every n-th state was published, to draw the motion between these states.
+
+    Args:
+        recording: a bag folder or an .mcap file.
+        every_ns: least time between frames [ns].
+
+    Returns:
+        Its scene and its frames; None where the state of every tick was published, or it cannot be simulated again: a
+        line on standard error then states why.
+
+    Raises:
+        BagError: when it cannot be read.
+    """
+    from crawler_ros.recording import bag
+    from crawler_ros.recording.recorded_robot import noted_robot, robot_in
+    from crawler_ros.replay.analysis import analyse
+    from crawler_ros.replay.health import Survey, states_every
+    from crawler_ros.replay.show.tick_frames import TickFrames
+
+    head = bag.Bag({})
+    next(iter(bag.read(recording, head)), None)  # attachments precede the first message
+    scene, robot = bag.recorded_scene(recording, head.attachments), noted_robot(head.attachments)
+    begun = Survey(recording, head.attachments, head.complete, head.damaged, head.lost, {})
+    every = states_every(begun, robot or robot_in("/"), None)
+    if scene is None or every == 1:
+        return None
+    ticks = TickFrames(scene, every_ns)
+    found = analyse(recording, namespace=None if robot is None else robot.namespace, sinks=[ticks])
+    if not ticks.frames:
+        shown = f"drawn from the states of every {every}th tick, with straight lines between them"
+        print(f"crawler: {recording}: {found.explanation}; {shown}", file=sys.stderr)
+        return None
+    if found.comparison is None or not found.comparison.equal or found.comparison.stopped:
+        print(f"crawler: {recording}: drawn as simulated again: {found.explanation}", file=sys.stderr)
+    return scene, ticks.frames
 
 
 def animate(
@@ -170,7 +214,8 @@ def _shoot(
         from crawler_ros.viewer.arrays import film_of_frames
         from crawler_ros.viewer.frames import frames_of_recording
 
-        scene, frames = frames_of_recording(newest(Path(source)))
+        recording = newest(Path(source))
+        scene, frames = simulate_between(recording) or frames_of_recording(recording)
         film = film_of_frames(scene, list(frames))
         first, last = float(film.time[0]), float(film.time[-1])
         begin, stop = max(start, first), last if end is None else end

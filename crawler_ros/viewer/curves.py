@@ -31,13 +31,14 @@ _LOW, _MIDDLE, _HIGH = np.array([[70, 130, 255], [45, 48, 50], [255, 160, 40]])
 class Curves:
     """Logs the panels over time."""
 
-    def __init__(self, rr: Any, stream: Any, scene: Scene) -> None:
+    def __init__(self, rr: Any, stream: Any, scene: Scene, rows: np.ndarray | None = None) -> None:
         """Choose the panels, and log what is constant.
 
         Args:
             rr: the module rerun.
             stream: the recording to log to.
             scene: the scene.
+            rows: the command rows of all frames, shape (F, C); None where they are not known beforehand.
         """
         self._rr, self._stream, self._scene = rr, stream, scene
         body = scene.body
@@ -51,7 +52,7 @@ class Curves:
         self._rows = divide(np.arange(n + 1.0), min(n, MOST_ROWS))
         self._links = divide(np.arange(links + 1.0), min(links, MOST_ROWS)) if links > MOST_BANDS else None
         self._share = body.station_share
-        self.commands = _choose_commands(scene)
+        self.commands = _choose_commands(scene, rows)
         self._log_names(n, links)
 
     def _log_names(self, n: int, links: int) -> None:
@@ -224,21 +225,23 @@ def _width(rows: int) -> float:
     return float(np.clip(260.0 / rows, 2.5, 9.0))
 
 
-def _choose_commands(scene: Scene) -> dict[str, list[int]]:
-    """Choose the columns of the commands that change, or may change where there is no drive, by kind.
+def _choose_commands(scene: Scene, rows: np.ndarray | None) -> dict[str, list[int]]:
+    """Choose the columns of the commands that change, by kind.
 
-    Friction that is equal in both directions throughout the drive has one curve.
+    Where the rows are not known they are those of the drive; without a drive all commands may change. Friction that is
+    equal in both directions throughout has one curve.
     """
-    columns, rows = scene.columns, scene.drive.rows
+    columns, may_change = scene.columns, rows is None and scene.drive.holds
+    rows = scene.drive.rows if rows is None else rows
     links = int(columns.actuation_sizes[: columns.links].sum())
     ends = {"rest_lengths": links, "strains" if columns.joints is None else "rest_angles": columns.lengths}
     ends |= {"friction": columns.lengths + columns.frictions, "loads": rows.shape[1]}
     changes, found, start = np.ptp(rows, axis=0) > 0.0, {}, 0
     for kind, end in ends.items():
-        if end > start and (bool(changes[start:end].any()) or scene.drive.holds):
+        if end > start and (bool(changes[start:end].any()) or may_change):
             found[kind] = list(range(start, end))
             half = (start + end) // 2
-            equal = kind == "friction" and columns.sides == 2 and not scene.drive.holds
+            equal = kind == "friction" and columns.sides == 2 and not may_change
             if equal and np.array_equal(rows[:, start:half], rows[:, half:end]):
                 found[kind] = list(range(start, half))
         start = end

@@ -146,11 +146,7 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
     """
     body = crawler.body
     at = body.stations
-    tension = crawler.joint_tension
-    if body.turning is not None:
-        tension = np.abs(tension[: body.springs])
-    elif body.dimension == 2:
-        tension = np.linalg.norm(tension, axis=1)
+    tension = _sizes(body, crawler.joint_tension)
     forward = backward = np.zeros(0)
     if has_stasis_bounds(body):
         target = crawler.scene.columns.target(crawler.row)
@@ -159,6 +155,50 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
     if body.joint_limits.index.size:
         yields = body.joint_limits.find_all_states(crawler.joint_elongation, body.joint_sum(crawler.actuation))
     return Frame(time_ns, x, tension, state[at], forward, backward, row, jumps, yields)
+
+
+def frame_of_tick(
+    scene: Scene,
+    time_ns: int,
+    displacement: np.ndarray,
+    elongation: np.ndarray,
+    tension: np.ndarray,
+    state: np.ndarray,
+    row: np.ndarray,
+    jumps: tuple[TimedJump, ...] = (),
+) -> Frame:
+    """Build a frame of the end of a tick.
+
+    Args:
+        scene: the scene.
+        time_ns: simulated time [ns].
+        displacement: of each station, shape (Q,), in the plane (Q, 2) [m].
+        elongation: of each joint, shape (J,) [m]; used where joints have limits of tension.
+        tension: of each joint, shape (J,), in the plane (J, 2), of a body that turns torques too [N].
+        state: motion of each station since the frame before.
+        row: the command row in force.
+        jumps: the jumps since the frame before.
+
+    Returns:
+        The frame.
+    """
+    body = scene.body
+    forward = backward = np.zeros(0)
+    if has_stasis_bounds(body):
+        forward, backward = local_bounds(scene, scene.columns.target(row), displacement)
+    yields = np.zeros(0, np.int8)
+    if body.joint_limits.index.size:
+        actuation = scene.columns.target(row)[: body.springs]
+        yields = body.joint_limits.find_all_states(elongation, body.joint_sum(actuation))
+    sizes = _sizes(body, tension)
+    return Frame(time_ns, displacement.ravel(), sizes, state, forward, backward, row, jumps, yields)
+
+
+def _sizes(body: Body, tension: np.ndarray) -> np.ndarray:
+    """Return the tension of each joint, in the plane its size; of a body that turns that of each link."""
+    if body.turning is not None:
+        return np.abs(tension[: body.springs])
+    return tension if body.dimension == 1 else np.linalg.norm(tension.reshape(-1, 2), axis=1)
 
 
 def frames_of_recording(
@@ -215,9 +255,6 @@ def _frames(
 
     deserialize = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
     body, row = scene.body, scene.drive.rows[0]
-    bounded = has_stasis_bounds(body)
-    limited, yields = body.joint_limits.index.size > 0, np.zeros(0, np.int8)
-    forward = backward = np.zeros(0)
     ahead, run, last = deque(jumps), 0, 0
     motion = _MotionReader(body)
     damaged = 0
@@ -250,19 +287,28 @@ def _frames(
             last, passed = stamp, []
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
                 passed.append(ahead.popleft()[1])
-            if bounded:
-                forward, backward = local_bounds(scene, scene.columns.target(row), x)
-            if limited:
-                actuation = scene.columns.target(row)[: body.springs]
-                z = message.position[body.dimension :]
-                yields = body.joint_limits.find_all_states(z, body.joint_sum(actuation))
-            yield Frame(stamp, x.ravel(), tension, state, forward, backward, row, tuple(passed), yields)
+            yield frame_of_tick(scene, stamp, x, message.position[body.dimension :], tension, state, row, tuple(passed))
     if damaged:
         print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
 
 
+def find_moving(body: Body, moved: np.ndarray) -> np.ndarray:
+    """Find which stations of a body that turns move, also those without friction.
+
+    Args:
+        body: the body.
+        moved: how far each moved, shape (..., Q, 2) [m].
+
+    Returns:
+        1 for each that moved by more than rounding, else 0; int8, shape (..., Q).
+    """
+    size = np.linalg.norm(moved, axis=-1)
+    largest = size.max(axis=-1, initial=0.0, keepdims=True)
+    return (size > np.maximum(1e-9 * largest, 1e-12 * np.ptp(body.position, axis=0).max())).astype(np.int8)
+
+
 class _MotionReader:
-    """Reads the stations and the tensions from messages of joint_states, one after another."""
+    """Reads the stations and the tensions of the joints from messages of joint_states, one after another."""
 
     def __init__(self, body: Body) -> None:
         self._body, self._stations = body, StationReader(body)
@@ -270,21 +316,20 @@ class _MotionReader:
         self._before = np.zeros(body.position.shape)
 
     def read(self, message: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return displacement and state of each station, and the size of each tension."""
+        """Return displacement and state of each station, and each tension."""
         body, x = self._body, self._stations.read(message.position)
         if body.turning is not None:  # velocities of angles do not tell exactly which stations rest
-            v, self._before = np.linalg.norm(x - self._before, axis=1), x
-            least = max(1e-9 * float(v.max(initial=0.0)), 1e-12 * float(np.ptp(body.position, axis=0).max()))
-            return x, (v > least).astype(np.int8), np.abs(message.effort[3 : 3 + body.springs])
+            moved, self._before = x - self._before, x
+            return x, find_moving(body, moved), message.effort[3:]
         v, tension = self._stations.read(message.velocity), message.effort[body.dimension :]
         if body.dimension == 2:
-            v, tension = np.linalg.norm(v, axis=1), np.linalg.norm(tension.reshape(-1, 2), axis=1)
+            v = np.linalg.norm(v, axis=1)
         moving = np.abs(v) > 1e-9 * np.abs(message.velocity).max(initial=0.0)
         return x, (np.sign(v) * moving).astype(np.int8), tension
 
 
 def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Frame]:
-    """Yield frames at least `every_ns` apart; a slip or jump between two of them shows in the later one."""
+    """Yield frames at least `every_ns` apart and the last one; a slip or jump between two shows in the later one."""
     shown: int | None = None
     moved: np.ndarray | None = None
     jumps: tuple[TimedJump, ...] = ()
@@ -296,5 +341,5 @@ def thin(frames: Iterable[Frame], every_ns: int = FRAME_EVERY_NS) -> Iterator[Fr
         shown = frame.time_ns
         yield replace(frame, state=moved, jumps=jumps)
         moved, jumps = None, ()
-    if jumps and moved is not None:
+    if moved is not None:
         yield replace(frame, state=moved, jumps=jumps)

@@ -11,7 +11,7 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -35,7 +35,13 @@ Extent = tuple[np.ndarray, np.ndarray]
 class Drawing:
     """Logs frames of one crawler into a rerun recording."""
 
-    def __init__(self, scene: Scene, open_sinks: Callable[[Any], Any], extent: Extent | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        open_sinks: Callable[[Any], Any],
+        extent: Extent | None = None,
+        rows: np.ndarray | None = None,
+    ) -> None:
         """Open a rerun recording and send the blueprint and all that is constant.
 
         Args:
@@ -43,6 +49,7 @@ class Drawing:
             open_sinks: function that connects the RecordingStream to its target.
             extent: in the plane, the smallest and the largest positions, each shape (2,) [m]; None where they are not
                 known beforehand.
+            rows: the command rows of all frames, shape (F, C); None likewise.
         """
         import rerun as rr
 
@@ -50,7 +57,7 @@ class Drawing:
         open_sinks(self.stream)
         planar = scene.body.dimension == 2
         self._body = PlaneView(rr, self.stream, scene, extent) if planar else TrackView(rr, self.stream, scene)
-        self._curves = Curves(rr, self.stream, scene)
+        self._curves = Curves(rr, self.stream, scene, rows)
         three = self._curves.bounded and scene.body.stations.size == 3
         self._polygon = PolygonView(rr, self.stream, scene) if three else None
         self._send_blueprint(scene)
@@ -153,14 +160,28 @@ def draw_recording(
         jumps: numbers of runs and jumps to mark, as `crawler_ros.replay.analyse` finds them.
 
     Returns:
-        The number of frames drawn: at most fifty a simulated second.
+        The number of frames drawn: at most fifty a simulated second, and the last one.
 
     Raises:
         BagError: when the recording cannot be read.
     """
-    scene, frames = frames_of_recording(recording, scene, robot, jumps)
+    return draw_frames(*frames_of_recording(recording, scene, robot, jumps), rrd)
+
+
+def draw_frames(scene: Scene, frames: Iterable[Frame], rrd: Path) -> int:
+    """Draw frames into an .rrd file.
+
+    Args:
+        scene: the scene.
+        frames: its frames, in sequence.
+        rrd: the file to write.
+
+    Returns:
+        The number of frames drawn: at most fifty a simulated second, and the last one.
+    """
     shown = list(thin(frames))
-    drawing = Drawing(scene, to_file(rrd), find_extent(scene, shown))
+    rows = np.array([frame.row for frame in shown]) if shown else None
+    drawing = Drawing(scene, to_file(rrd), find_extent(scene, shown), rows)
     for frame in shown:
         drawing.draw(frame)
     drawing.close()

@@ -69,7 +69,7 @@ def entities(rrd: Path) -> dict[str, int]:
 
 
 def column(rrd: Path, entity: str, part: str) -> list:
-    """One component of an entity, in the order of time."""
+    """One component of an entity that changes, in the order of time."""
     try:
         from rerun.chunk import RrdReader
     except ImportError:  # before rerun 0.41
@@ -77,8 +77,8 @@ def column(rrd: Path, entity: str, part: str) -> list:
 
     rows: list[tuple[int, list]] = []
     for chunk in RrdReader(str(rrd)).stream():
-        if str(chunk.entity_path) == entity:
-            batch = chunk.to_record_batch()
+        batch = chunk.to_record_batch()
+        if str(chunk.entity_path) == entity and "sim_time" in batch.schema.names:
             (values,) = (c for f, c in zip(batch.schema, batch.columns, strict=True) if f.name.endswith(part))
             (times,) = (c for f, c in zip(batch.schema, batch.columns, strict=True) if f.name == "sim_time")
             rows += zip(times.cast("int64").to_pylist(), values.to_pylist(), strict=True)
