@@ -76,7 +76,7 @@ def score_held_out(
         error = fit.residuals.all[i]
         if not problem.rows[i].any():
             error = error - _find_common(problem.designs[i][:, :, : problem.offsets[i]], error, out)
-        moved = 0.0 if at_bounds is None else at_bounds.all[i] - fit.residuals.all[i]
+        moved = 0.0 if at_bounds is None else np.nan_to_num(at_bounds.all[i] - fit.residuals.all[i])
         deviation = np.sqrt(_find_variance(problem, fit, i, covariance) + moved**2)
         all_residuals[i], deviations[i] = error, deviation
         errors.append(error[out])
