@@ -258,13 +258,15 @@ class Resimulation:
         for number, row in enumerate(points):
             target = self._scene.columns.target(np.ascontiguousarray(row))
             step = crawler.follow(target[None])
-            last = number == len(points) - 1
-            until = end if last else min(max(stamp + int(offsets[number]), before), end)
-            rows.add(self._run, before, until, last, row, target, crawler, step)
+            until = min(max(stamp + int(offsets[number]), before), end)
+            ends_tick = number == len(points) - 1 and until >= end - 1  # stamps are rounded
+            until = end if ends_tick else until
+            rows.add(self._run, before, until, ends_tick, row, target, crawler, step)
             self._row, self._target, before = row, target, until
         if not points:
             crawler.follow(self._target[None][:0])
-            rows.add(self._run, stamp, end, True, self._row, self._target, crawler, None)
+        if before < end or not points:
+            rows.add(self._run, before, end, True, self._row, self._target, crawler, None)
         rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
         self._last_ns, self._end_ns, self._ticked = stamp, end, True
 

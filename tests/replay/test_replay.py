@@ -492,6 +492,15 @@ def test_a_rest_in_the_middle_is_told_with_its_reason(tmp_path):
     assert found.standstill is None
 
 
+def test_a_cycle_ends_with_its_commands_and_not_with_their_tick(tmp_path):
+    """A period of 1 s has no whole number of ticks at 7.7 Hz: the last one holds in the rest of its tick."""
+    scene = pausing(*((0.5 * k, float(k % 2)) for k in range(9)))
+    sent = messages(scene, play(scene, 0, 9 * NS // 2, 7.7), 7.7)
+    found = analyse(write(tmp_path / "a", sent, attachments(scene, 7.7)))
+    assert [cycle.end for cycle in found.cycles] == pytest.approx([1.0, 2.0, 3.0, 4.0], abs=2e-9)
+    assert found.comparison.identical
+
+
 def test_a_rest_without_commands_says_so(tmp_path):
     scene = pausing((0.0, 0.0), (1.0, 1.0))
     sent = itertools.chain(play(scene, 0, NS), hold(100, 200))
