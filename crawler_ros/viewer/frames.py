@@ -144,21 +144,13 @@ def frame_of(crawler: Crawler, time_ns: int, state: np.ndarray, jumps: tuple[Tim
     Returns:
         The frame.
     """
-    body = crawler.body
-    at = body.stations
-    tension = _sizes(body, crawler.joint_tension)
-    forward = backward = np.zeros(0)
-    if has_stasis_bounds(body):
-        target = crawler.scene.columns.target(crawler.row)
-        forward, backward = (side[at] for side in local_bounds(crawler.scene, target, crawler.displacement))
-    x, row, yields = crawler.displacement[at].ravel(), crawler.row, np.zeros(0, np.int8)
-    if body.joint_limits.index.size:
-        yields = body.joint_limits.find_all_states(crawler.joint_elongation, body.joint_sum(crawler.actuation))
-    return Frame(time_ns, x, tension, state[at], forward, backward, row, jumps, yields)
+    at = crawler.body.stations
+    motion = crawler.displacement[at], crawler.joint_elongation, crawler.joint_tension, state[at]
+    return frame_of_tick(crawler.scene, time_ns, *motion, crawler.row, jumps)
 
 
 def frame_of_tick(
-    scene: Scene,
+    scene: Plan,
     time_ns: int,
     displacement: np.ndarray,
     elongation: np.ndarray,
