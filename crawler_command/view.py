@@ -120,8 +120,7 @@ def simulate_between(recording: Path, every_ns: int = 0) -> tuple[Scene, list[Fr
     from crawler_ros.replay.health import Survey, states_every
     from crawler_ros.replay.show.tick_frames import TickFrames
 
-    head = bag.Bag({})
-    next(iter(bag.read(recording, head)), None)  # attachments precede the first message
+    head = bag.read_head(recording)
     scene, robot = bag.recorded_scene(recording, head.attachments), noted_robot(head.attachments)
     begun = Survey(recording, head.attachments, head.complete, head.damaged, head.lost, {})
     every = states_every(begun, robot or robot_in("/"), None)

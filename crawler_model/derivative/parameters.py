@@ -239,7 +239,8 @@ def _differentiate_alone(
 ) -> tuple[np.ndarray, bool]:
     """Compute the derivative of all arrays, one after another, from scenes that are assembled one by one.
 
-    Where a number jumps, the side on which it does not counts; whether one does is the second result.
+    Where a number jumps, the side on which it does not counts, and 0 where it jumps on both; whether one does is the
+    second result.
     """
     base = _flat(scene)
 
@@ -253,31 +254,34 @@ def _differentiate_alone(
         return arrays
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
-    jumps = False
-    error = SceneError(f"the scene jumps on both sides of {value:g}")
+    found: np.ndarray | None = None
+    error: SceneError | None = None
     for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
         try:
             derivative, grows = _refine(at, base, places, side * step)
         except SceneError as refused:
             error = refused
             continue
-        if not grows:
-            return derivative, jumps
-        jumps = True
-    raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
+        if not grows.any():
+            return derivative, found is not None
+        found = np.where(grows, 0.0, derivative)
+    if found is None:
+        raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
+    return found, True
 
 
 def _refine(
     at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float
-) -> tuple[np.ndarray, bool]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the derivative at 0 with steps that shrink, until differences of two steps agree.
 
     Each number has the longest step that agrees with the next one: a start at rest has kinks where knots are met, and a
-    derivative that is zero may agree with none. The second result is whether differences grow as the steps shrink.
+    derivative that is zero may agree with none. The second result is which differences grow as the steps shrink.
     """
     derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
+    grows = np.zeros(base.size, dtype=bool)
     error: SceneError | None = None
-    valid = grows = False
+    valid = False
     for _ in range(_TRIES):
         try:
             found, finer = (_difference(at, base, places, length) for length in (step, step / _FINER))
@@ -288,7 +292,7 @@ def _refine(
             derivative = np.where(known, derivative, finer)
             known |= _agree(found, finer, base, abs(step) / _FINER)
             least = np.maximum(_GROWS * np.abs(found), _AGREE * np.abs(base).max(initial=0.0) / abs(step))
-            grows = bool((np.abs(finer) > least)[~known].any())
+            grows = (np.abs(finer) > least) & ~known
             if known.all():
                 break
         step /= _FINER

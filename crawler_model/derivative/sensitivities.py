@@ -64,7 +64,7 @@ class Sensitivities:
         work: derivatives of the work of the actuators in the whole run, shape (P,).
         period_work: derivatives of that work in each whole period, shape (periods, P).
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
-            derivative, bool, shape (P,).
+            derivative, or none as a relaxed start jumps there, bool, shape (P,).
         kinks: where they are.
         tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of the error of
             those of the displacement, relative to the largest one with respect to the same parameter; NaN where none is

@@ -218,6 +218,23 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
                 yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema)
 
 
+def read_head(path: Path) -> Bag:
+    """Read the attachments of a recording that precede its first message.
+
+    Args:
+        path: a bag folder or an .mcap file.
+
+    Returns:
+        The contents found up to there.
+
+    Raises:
+        BagError: when the file is not a recording.
+    """
+    bag = Bag({})
+    next(iter(read(path, bag)), None)
+    return bag
+
+
 @dataclass(frozen=True)
 class Health:
     """The number of messages on each topic of a recording, and whether the file is complete."""

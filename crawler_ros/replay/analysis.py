@@ -276,8 +276,7 @@ def find_jumps(path: Path) -> list[tuple[int, TimedJump]]:
     """
     from ..recording import bag
 
-    head = bag.Bag({})
-    next(iter(bag.read(path, head)), None)  # attachments precede the first message
+    head = bag.read_head(path)
     scene = recorded_scene(path, head.attachments)
     jumps = scene is not None and (scene.ground.track is not None or scene.body.turning is not None)
     return analyse(path).table.jumps if jumps else []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import struct
 import sys
 from collections import deque
@@ -217,16 +216,14 @@ def frames_of_recording(
     """
     from ..recording import bag
 
-    head = bag.Bag({})
-    records = bag.read(path, head)
-    waiting = list(itertools.islice(records, 1))  # attachments precede the first message
+    head = bag.read_head(path)
     if scene is None:
         scene = bag.recorded_scene(path, head.attachments)
         if scene is None:
             raise bag.BagError(f"{path}: the recording does not hold its scene; name one with --scene")
 
     drawn = robot or noted_robot(head.attachments)
-    return scene, in_sequence(_frames(path, itertools.chain(waiting, records), scene, drawn, jumps))
+    return scene, in_sequence(_frames(path, bag.read(path), scene, drawn, jumps))
 
 
 def in_sequence(frames: Iterable[Frame]) -> Iterator[Frame]:

@@ -85,6 +85,8 @@ class Whitening:
 
         if self.decay is None:
             return np.divide(rows, self.factor, out=out)
+        if rows.size == 0:  # dtbtrs would write beyond its arrays
+            return rows.copy()
         differences = rows.copy()
         differences[:, 1:] -= self.decay[1:] * rows[:, :-1]
         whitened = dtbtrs(self.factor, differences.T, uplo="L", overwrite_b=1)[0].T

@@ -54,6 +54,17 @@ def test_random_bent_crawlers_agree_with_differences(seed: int) -> None:
     assert compare_columns(found, document) >= 5
 
 
+def test_a_start_that_jumps_on_both_sides_has_no_derivative_and_does_not_spoil_others() -> None:
+    """A relaxed start leaves a slack contact where it is; where its tendon pulls, it moves to where it does not."""
+    document, _ = draw_bent(111)
+    scene, keys = Scene.model_validate(document), ("body.links[1].tension.least", "body.links[1].stiffness")
+    both, alone = sensitivities(scene, keys, DURATION, RATE), sensitivities(scene, keys[1:], DURATION, RATE)
+    assert both.one_sided[0]
+    assert both.one_sided[1] == alone.one_sided[0]
+    assert (np.abs(both.displacement) < 10.0).all()
+    np.testing.assert_array_equal(both.displacement[..., 1:], alone.displacement)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("first", range(100, 300, 20))
 def test_hundreds_of_random_bent_crawlers_agree_with_differences(first: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.linalg.lapack
 
 from crawler_model.identify.sensor.noise import (
     Noise,
@@ -41,6 +42,14 @@ def test_whitened_noise_has_the_inverse_covariance(noise: Noise) -> None:
     whitened = whitening.apply(np.eye(60)).T
     assert whitened.T @ whitened @ dense == pytest.approx(np.eye(60), abs=1e-8)
     assert whitening.log_determinant == pytest.approx(np.linalg.slogdet(dense)[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(0, 60), (3, 0)])
+def test_nothing_is_whitened_without_lapack(shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """LAPACK's dtbtrs writes beyond empty arrays, and the process ends long after that, wherever it is."""
+    monkeypatch.setattr(scipy.linalg.lapack, "dtbtrs", None)
+    whitening = build_whitening(SOME, np.arange(shape[1]) / 50.0, np.zeros(shape[1]))
+    assert whitening.apply(np.zeros(shape)).shape == shape
 
 
 @pytest.mark.parametrize("noise", [SOME, Noise(3e-4), Noise(5e-5, 3e-4, 0.2)])
