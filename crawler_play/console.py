@@ -71,6 +71,7 @@ class Console(Robot):
         self.settings, self.clock = replace(self.controls.start(), mode="hand"), Clock()
         self.playing, self.speed, self.held = False, 1.0, "nothing was commanded yet"
         self.sent = self.received = self.seen = 0
+        self._stamp = 0  # of the last state [ns]
         self.error = ""
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
@@ -172,6 +173,7 @@ class Console(Robot):
             self.error = str(error)
             self.hold("another robot answers")
         if self._arrived:
+            self._hold_after_reset()
             net = self.scene.body.share @ self.instant.displacement
             self._past.append(self.write_past(time.monotonic(), net, self.instant.state))
             self.seen += 1
@@ -188,6 +190,15 @@ class Console(Robot):
             return
         parts = np.abs(way) / (SLEW * min(seconds, 0.1) * self._ranges())
         self._send(goal if parts.max() <= 1.0 else self.row + way / parts.max())
+
+    def _hold_after_reset(self) -> None:
+        """Hold when the time of the states goes back, and begin at the command with which the robot began anew."""
+        last, self._stamp = self._stamp, read_stamp(self._arrived["joint_states"]) if _STATES[0] in self._arrived else 0
+        if self._stamp >= last or self.row is None:
+            return
+        self.hold("the robot began anew")
+        self.row, self._closes = None, False
+        self.settings = replace(self.settings, hand=tuple(self._find_row().tolist()))
 
     def _ranges(self) -> np.ndarray:
         """The range of the slider of each column, shape (C,)."""

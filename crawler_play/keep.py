@@ -14,6 +14,7 @@ from crawler_model import CommandError, Crawler, Scene, SceneError, Trajectory, 
 from crawler_model.body.columns import Columns
 from crawler_model.body.turning import SIDES
 from crawler_model.crawler.readout import Readout
+from crawler_model.run.account import tolerance_of
 from crawler_model.run.ticks import tick_end_ns
 
 from .session import Session, Tick
@@ -34,7 +35,7 @@ def write_scene(session: Session) -> Scene:
 
     Returns:
         The scene, with a waypoint wherever the command changed. Simulated at the rate of the session it ends where the
-        session is, to the bit.
+        session is, on a line to the bit, in the plane up to rounding.
 
     Raises:
         CommandError: if nothing happened yet, or a drive cannot hold these commands.
@@ -48,15 +49,28 @@ def write_scene(session: Session) -> Scene:
     document = scene.document()
     document["name"] = f"{scene.name}_by_hand"
     document["drive"] = _write_drive(scene.columns, times_ns[kept] / 1e9, rows[kept])
+    allowed = _find_tolerance(scene)
     try:
         found = Scene.model_validate(document)
+        if allowed > 0.0:  # that of a scene is relative to its drive
+            document["tolerance"] = tolerance_of(scene) * allowed / _find_tolerance(found)
+            found = Scene.model_validate(document)
     except SceneError as error:
         raise CommandError(f"save: {error}; a recording can hold it") from None
-    if _run(session, found).displacement[-1].tobytes() != session.crawler.displacement.tobytes():
-        raise CommandError(
-            "save: on this ground a drive that commands friction moves otherwise; a recording can hold it"
-        )
+    error = np.abs(_run(session, found).displacement[-1] - session.crawler.displacement).max()
+    if error > allowed:
+        why = "on this ground a drive that commands friction" if scene.ground.track is not None else "a drive"
+        raise CommandError(f"save: {why} moves otherwise, by {error:.1e} m; a recording can hold it")
     return found
+
+
+def _find_tolerance(scene: Scene) -> float:
+    """Find the largest error of a ramp of a scene [m]; 0 on a line."""
+    if scene.dimension == 1:
+        return 0.0
+    from crawler_model.motion.plane.motion import build_plane_motion  # its kernels are not needed on a line
+
+    return build_plane_motion(scene).tolerance
 
 
 def _join(session: Session, ticks: Sequence[Tick]) -> tuple[np.ndarray, np.ndarray]:
@@ -177,7 +191,7 @@ def _follow(session: Session) -> Iterator[RecordedTick]:
         if k:
             crawler.follow(np.array(scene.columns.target(tick.rows)))
         joints, contacts = np.zeros((3, len(joint_state_names(body)))), np.zeros((3, len(contact_names(body))))
-        seconds = float(1 / session.rate) if k else np.inf
+        seconds = (tick_end_ns(k, session.rate) - tick_end_ns(k - 1, session.rate)) / 1e9 if k else np.inf
         readout.read(crawler, seconds, joints, contacts)
         pose = (*np.atleast_1d(crawler.net_translation).tolist(), crawler.yaw)
         pose = pose if body.dimension == 2 else (*pose[:-1], 0.0, 0.0)

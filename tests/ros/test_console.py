@@ -80,6 +80,28 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
         assert lengths[-1] == 0.05
 
 
+def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
+    async def work(page: Any) -> None:
+        await next_frame(page, shows("1 listener"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        await command(page, {"link_0": 0.1}, lambda frame: frame["values"][0] == 0.1 and lengths()[-1:] == [0.1])
+        assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
+        frame = await next_frame(page, shows("holds: the robot began anew"))
+        assert frame["values"][0] == 0.0
+        await command(page, {"link_0": 0.099}, lambda _: lengths()[-1:] == [0.099])
+
+    def lengths() -> list[float]:
+        return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
+        talk(start(ros), work)
+        again = lengths()[lengths().index(0.1) + 1 :]
+        again = [length for length in again if length != 0.1]
+        assert len(again) > 3  # a third of the range of the slider takes more than half a second
+        assert again == sorted(again)
+
+
 def test_without_a_robot_and_with_another_one_nothing_is_sent(tmp_path):
     async def alone(page: Any) -> None:
         await next_frame(page, shows("0 listeners; 0 states"))
