@@ -30,7 +30,7 @@ class Film:
         displacement: shape (F, N), in the plane (F, N, 2) [m].
         state: sliding since the instant before, 1 forward, -1 back, in the plane 1 in any direction, else 0, shape
             (F, N).
-        tension: of each spring, in the plane its size, shape (F, J) [N].
+        tension: of each spring, of vector springs in the plane its size, shape (F, J) [N].
         forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
         backward: likewise.
         yields: of each spring -1 slack, 1 stalled, else 0, int8, shape (F, J); (F, 0) without limits of tension.
@@ -125,8 +125,6 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
     tension = run.tension[:, : body.springs]
     if tension.ndim == 3:
         tension = np.linalg.norm(tension, axis=2)
-    elif body.turning is not None:
-        tension = np.abs(tension)
     forward = backward = np.zeros((run.time.size, 0))
     yields, times_ns = np.zeros((run.time.size, 0), np.int8), np.rint(run.time * NS).astype(np.int64)
     if body.limits.index.size:

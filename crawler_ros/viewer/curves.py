@@ -43,6 +43,7 @@ class Curves:
         self._rr, self._stream, self._scene = rr, stream, scene
         body = scene.body
         self._planar, self.bounded = body.dimension == 2, has_stasis_bounds(body)
+        self._unsigned = self._planar and body.turning is None  # the tension of a vector spring has a size alone
         self._rest = body.position[body.stations]
         self._contacts, self._joints = station_names(body), name_joints(body)[: len(body.joints)]
         self._yaw = 0.0
@@ -168,7 +169,7 @@ class Curves:
         heights = [2.0]
         if self._links is None:
             for name in self._joints:
-                words = "Size of the tension" if self._planar else "Tension"
+                words = "Size of the tension" if self._unsigned else "Tension"
                 bound = ", stasis bounds grey" if self.bounded else ""
                 view = rrb.TimeSeriesView(
                     origin=f"tension/{name}", name=f"{words} of {name.replace('_', ' ')} [N]{bound}", **common
@@ -176,11 +177,9 @@ class Curves:
                 left.append(view)
                 heights.append(1.0)
         else:
-            words = (
-                "orange at the upper stasis bound, blue at the lower"
-                if self.bounded
-                else "orange stretched, blue compressed"
-            )
+            words = "orange at the upper stasis bound, blue at the lower"
+            if not self.bounded:
+                words = "the brighter, the larger" if self._unsigned else "orange stretched, blue compressed"
             joined = f", {-(-links // MOST_ROWS)} links in a row" if links > MOST_ROWS else ", one row each"
             axis = rrb.ScalarAxis(range=(-0.5 * links / self._links[0].size, links - 0.5))
             named = f"Tensions of {links} links{joined}: {words}"

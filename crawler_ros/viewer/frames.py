@@ -33,9 +33,9 @@ class Frame:
     """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each link and segment, in the plane its size; bounds of the spring forces on each station where a chain
-    has no segments: friction of the ground there, shifted by the loads; command row in force; jumps since the frame
-    before; of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
+    tension of each link and segment, of vector springs in the plane its size; bounds of the spring forces on each
+    station where a chain has no segments: friction of the ground there, shifted by the loads; command row in force;
+    jumps since the frame before; of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
     """
 
     time_ns: int
@@ -186,9 +186,9 @@ def frame_of_tick(
 
 
 def _sizes(body: Body, tension: np.ndarray) -> np.ndarray:
-    """Return the tension of each joint, in the plane its size; of a body that turns that of each link."""
+    """Return the tension of each joint, of vector springs in the plane its size; of a body that turns of each link."""
     if body.turning is not None:
-        return np.abs(tension[: body.springs])
+        return tension[: body.springs]
     return tension if body.dimension == 1 else np.linalg.norm(tension.reshape(-1, 2), axis=1)
 
 

@@ -20,8 +20,9 @@ from PIL import Image
 
 from crawler_bench.node.processes import wait_until
 from crawler_command.app import main
-from crawler_model import Crawler, CrawlerError, load_scene
+from crawler_model import Crawler, CrawlerError, load_scene, simulate
 from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
+from crawler_pictures.film.film import film_of_run
 from crawler_pictures.run.page import draw_run
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
@@ -54,6 +55,15 @@ def draw(name: str, path: Path, seconds: float = 2.0) -> Path:
         drawing.draw(frame)
     drawing.close()
     return path
+
+
+def test_links_of_a_body_that_turns_are_drawn_stretched_or_compressed():
+    scene = load_scene("steering_inchworm")
+    drawn = np.array([frame.tension for frame in frames(scene.name)])
+    run = simulate(scene, 2.0)
+    np.testing.assert_allclose(drawn, run.tension[:, : scene.body.springs], atol=1e-9)
+    np.testing.assert_array_equal(film_of_run(scene, run).tension, run.tension[:, : scene.body.springs])
+    assert drawn.min() < -0.1 < 0.1 < drawn.max()
 
 
 def entities(rrd: Path) -> dict[str, int]:
