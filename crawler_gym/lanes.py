@@ -16,7 +16,7 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns
 from crawler_model.sweep.workers import available_cores
-from crawler_ros.wire.states import shown_contacts
+from crawler_ros.wire.states import find_command, shown_contacts
 
 from .kernel import lane, plan
 from .memory import build_shared, fill_at_rest, has_kernel, view
@@ -216,11 +216,13 @@ class Lanes:
         """Observe the readings of another body in the first environment.
 
         Args:
-            first: whether an episode begins.
+            first: whether an episode begins, at the command that the readings reveal.
             joints: positions, velocities and efforts of joint_states, shape (3, W).
             contacts: those of contact_states, shape (3, K).
         """
         shared, which = self.shared, np.zeros(1, np.int64)
+        if first:
+            view(self._memory, shared, plan.ROW)[0] = find_command(self.spec.scene, joints, self.row(0))
         view(self._memory, shared, plan.JOINTS)[0] = joints.ravel()
         view(self._memory, shared, plan.FEET)[0] = contacts.ravel()
         lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)

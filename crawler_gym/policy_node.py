@@ -33,6 +33,7 @@ from .env import describe_bad, read_action
 from .kernel.plan import ALONG, TERMINATED
 from .lanes import Lanes
 from .policy import load_policy
+from .randomise import Ranges
 from .spec import build_spec, list_settings
 
 DEFAULT_SCENE = "three_contacts_one_way"
@@ -64,7 +65,8 @@ class PolicyNode(QuietNode):
         self.steps = int(self.declare_parameter("steps", 0, bounds).value)
         self.policy = load_policy(expand_home(name.value))
         given = read_settings(settings.value)
-        self.environment = build_spec(expand_home(scene.value), task.value, **given)
+        spec = build_spec(expand_home(scene.value), task.value, **given)
+        self.environment = spec.with_ranges(Ranges())  # what was randomised is left to the robot
         self.lanes = Lanes(self.environment, 1, threads=1)
         self.lanes.reset(np.zeros(1, np.int64), [{}])
         columns, body = self.environment.scene.columns, self.environment.scene.body
@@ -172,6 +174,12 @@ class PolicyNode(QuietNode):
         self.problem = self.problem or problem
         self.done.set()
 
+    def wait(self) -> None:
+        """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(TrajectoryMessage([]).encode(0, [0], [np.zeros(0)]))
+        self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
+
     @property
     def waits(self) -> bool:
         """Whether no state has arrived yet."""
@@ -231,7 +239,7 @@ def _spin(node: PolicyNode) -> None:
         node.throttle.flush()
         if node.waits and time.monotonic() - reported > _REPORT_EVERY_S:
             reported = time.monotonic()
-            node.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
+            node.wait()
     node.destroy_node()
     if node.problem:
         raise CrawlerError(node.problem)

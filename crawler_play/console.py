@@ -32,7 +32,7 @@ from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import stay_on_loopback
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.messages import read_stamp
-from crawler_ros.wire.states import contact_names, joint_state_names
+from crawler_ros.wire.states import contact_names, find_command, joint_state_names
 from crawler_ros.wire.topics import qos_profile, read_topics
 
 from .controls import Clock, read_speed
@@ -115,18 +115,9 @@ class Console(Robot):
         return np.array([message.position, message.velocity, message.effort])
 
     def _find_row(self) -> np.ndarray:
-        """Find the command in force, at which a ramp begins: L = z - T/k of linear springs, if it is not the last one.
-
-        Friction and loads cannot be measured at rest; they are taken to be those sent last, or those of the scene.
-        """
-        body, count = self.scene.body, self.scene.columns.lengths
-        row = self.scene.drive.rows[0].copy() if self.row is None else self.row.copy()
-        if not body.segments and not body.bends:
-            joints = self._read("joint_states")[:, self._first : self._first + count]
-            found = joints[0] - joints[2] / np.repeat(body.stiffnesses, count // body.stiffnesses.size)
-            moved = np.abs(found - row[:count]) > 1e-9 * (np.abs(joints[0]) + np.abs(row[:count]) + _RESTS)
-            row[:count][moved] = found[moved]
-        return row
+        """Find the command in force, at which a ramp begins; friction and loads are those sent last, or the scene's."""
+        row = self.scene.drive.rows[0] if self.row is None else self.row
+        return find_command(self.scene, self._read("joint_states"), row)
 
     def receive(self, message: dict[str, Any]) -> None:
         """Obey a message of the page that has the hand; after a hold, the ramp begins at the command in force.

@@ -57,10 +57,10 @@ def write_scene(session: Session) -> Scene:
             found = Scene.model_validate(document)
     except SceneError as error:
         raise CommandError(f"save: {error}; a recording can hold it") from None
-    error = np.abs(_run(session, found).displacement[-1] - session.crawler.displacement).max()
-    if error > allowed:
+    apart = np.abs(_run(session, found).displacement[-1] - session.crawler.displacement).max()
+    if apart > allowed:
         why = "on this ground a drive that commands friction" if scene.ground.track is not None else "a drive"
-        raise CommandError(f"save: {why} moves otherwise, by {error:.1e} m; a recording can hold it")
+        raise CommandError(f"save: {why} moves otherwise, by {apart:.1e} m; a recording can hold it")
     return found
 
 

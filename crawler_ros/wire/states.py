@@ -6,9 +6,12 @@ import numpy as np
 
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_contacts, name_every_contact, name_joints
+from crawler_model.body.plan import Plan
 from crawler_model.body.turning_tree import TurningTree
 
 _AXES = ("/x", "/y")
+_ROUNDING = 1e-9
+"""Lengths that differ by less than this part are equal [1], and so are those shorter than it [m]."""
 
 
 def _each_axis(names: list[str], body: Body) -> list[str]:
@@ -55,6 +58,28 @@ def free_angle_names(tree: TurningTree) -> list[str]:
     """
     links = [tree.branches[i].link for i in tree.free[1:]]
     return [f"{name_contacts(1)[0]}/yaw", *(f"link_{link}/yaw" for link in links)]
+
+
+def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Find the command in force from the states of a robot: the rest lengths of linear springs are L = z - T/k.
+
+    Args:
+        scene: the body and the columns of its commands.
+        joints: positions, velocities and efforts of joint_states, shape (3, W).
+        row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest.
+
+    Returns:
+        The row, with the rest lengths that differ from it by more than rounding, shape (C,).
+    """
+    body, count = scene.body, scene.columns.lengths
+    row = row.copy()
+    if not body.segments and not body.bends:
+        begin = body.dimension if body.turning is None else 3
+        z, _, tension = joints[:, begin : begin + count]
+        found = z - tension / np.repeat(body.stiffnesses, count // body.stiffnesses.size)
+        moved = np.abs(found - row[:count]) > _ROUNDING * (np.abs(z) + np.abs(row[:count]) + _ROUNDING)
+        row[:count][moved] = found[moved]
+    return row
 
 
 def shown_contacts(body: Body) -> np.ndarray:

@@ -95,6 +95,35 @@ def test_its_path_is_that_of_the_environment(tmp_path, module, scene, actions, s
     assert np.ptp([state[0, 0] for state in heard.values()]) > 0.0
 
 
+def test_begun_late_it_goes_on_from_the_command_in_force(tmp_path, module):
+    """A simulator in lock-step is silent until a command arrives; settings of training may randomise its scene."""
+    pytest.importorskip("rclpy")
+    from std_msgs.msg import Float64MultiArray
+
+    from crawler_bench.node.processes import wait_until
+
+    from ..ros.graph import graph
+
+    def lengths() -> list[float]:
+        return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+    with graph(tmp_path) as ros:
+        ros.simulator("lock_step:=true", "rate:=20.0", hear=("joint_states", "applied_commands"))
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.1]))
+        wait_until(lambda: lengths()[-1:] == [0.1], what="the command")
+        node = ros.start(
+            "crawler_gym.policy_node",
+            f"policy:={module(2)}:lively",
+            "steps:=3",
+            'settings:="{randomise: {friction: [0.8, 1.2], delay: 2, noise: 0.1}}"',
+        )
+        wait_until(lambda: node.process.poll() is not None, what="the end of the policy")
+        assert node.process.returncode == 0, node.said
+        wait_until(lambda: len(lengths()) == 4, what="the commands of the policy")
+    largest = CrawlerEnv().spec_of_crawler.actions.limits[0].max()
+    assert 0.0 < np.abs(np.diff(lengths())).max() <= largest + 1e-12
+
+
 def run_wrong(folder: Path, *words: str) -> tuple[int, str]:
     import subprocess
 
