@@ -212,7 +212,8 @@ def analyse(
     known = compared is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
-    standstill = find_standstill(table, survey, robot)
+    whole = known or robot.recorded("contact_states") in survey.topics  # joint_states alone shows one contact
+    standstill = find_standstill(table, survey, robot) if whole else None
     return Replay(
         path=path,
         survey=survey,
@@ -233,7 +234,7 @@ def analyse(
         energy=account_of(table) if known else None,
         margins=find_margins(table, scene) if known and scene is not None else None,
         standstill=standstill,
-        rests=find_rests(table, cycles, standstill),
+        rests=find_rests(table, cycles, standstill) if whole else (),
         incidents=find_incidents(survey.diagnostics, robot.namespace),
         at_limits=yields.list_seconds() if known else None,
     )

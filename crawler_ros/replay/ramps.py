@@ -119,6 +119,8 @@ class RampTable:
         self.place = self.shape = np.zeros((0, 2))
         """Commands and elongations as two combinations, shape (R, 2)."""
         self.shape_size = 0.0
+        self.commanded = False
+        """Whether commands are known."""
         self.jumps: list[tuple[int, TimedJump]] = []
         """Every jump with the number of its run."""
 
@@ -134,6 +136,7 @@ class RampTable:
         shape = piece.elongation.reshape(rows, -1)
         made["shape"] = shape @ signature_weights(shape.shape[1])
         self.shape_size = max(self.shape_size, float(np.abs(shape).sum(axis=1).max(initial=0.0)))
+        self.commanded |= piece.command.shape[1] > 0
         self.jumps += piece.jumps
         for name, values in made.items():
             self._parts.setdefault(name, []).append(np.array(values))

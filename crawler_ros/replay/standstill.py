@@ -24,6 +24,7 @@ COMMANDS = (
 )
 
 
+_UNKNOWN = "the commands in force were not recorded"
 _LEAST_S = 1.0
 """A shorter rest is not reported where the commands do not repeat."""
 
@@ -36,8 +37,9 @@ class Rest:
         run: number of the run between resets.
         since: when the slip before it ended [s]; the start of the run when there was none.
         until: when the next slip begins [s]; the end of the run when there is none.
-        commanded_from: when commands began to change meanwhile [s]; None if they did not.
+        commanded_from: when commands began to change meanwhile [s]; None if they did not, or are not known.
         margin: least distance of a spring force from its bound meanwhile [N]; None when forces are not known.
+        commands_known: whether commands were recorded.
     """
 
     run: int
@@ -45,11 +47,12 @@ class Rest:
     until: float
     commanded_from: float | None
     margin: float | None
+    commands_known: bool
 
     @property
-    def commanded(self) -> bool:
-        """Whether commands changed meanwhile."""
-        return self.commanded_from is not None
+    def commanded(self) -> bool | None:
+        """Whether commands changed meanwhile; None if they are not known."""
+        return self.commanded_from is not None if self.commands_known else None
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -66,6 +69,8 @@ class Rest:
             Its time and its reason.
         """
         rest = f"at rest from {self.since:g} s to {self.until:g} s"
+        if not self.commands_known:
+            return f"{rest}: {_UNKNOWN}"
         if self.commanded_from is None:
             return f"{rest}: no command changed"
         near = "" if self.margin is None else f" (the nearest stayed {self.margin:.3g} N away)"
@@ -104,7 +109,7 @@ def find_rests(table: RampTable, cycles: Sequence[Cycle], standstill: Standstill
             nearest = max(float(inside.min()), 0.0) if known else None
             begin = float(max(begins[first], since[k])) / NS if last > first else None
             times = float(since[k]) / NS, float(until[k]) / NS
-            found.append(Rest(run, *times, begin, nearest))
+            found.append(Rest(run, *times, begin, nearest, table.commanded))
     return tuple(found)
 
 
@@ -115,10 +120,11 @@ class Standstill:
     Attributes:
         since: when the last slip ended [s]; the start of the run when there was none.
         until: the end of the recording [s].
-        commanded_until: when the commands changed for the last time [s]; None when they never did.
+        commanded_until: when the commands changed for the last time [s]; None when they never did, or are not known.
         margin: least distance of a spring force from its bound during the rest [N]; None when forces are not known.
         last_message: topic of the last command message; None when none was recorded.
         last_message_at: simulated time of its arrival [s].
+        commands_known: whether commands were recorded.
     """
 
     since: float
@@ -127,6 +133,7 @@ class Standstill:
     margin: float | None
     last_message: str | None
     last_message_at: float | None
+    commands_known: bool
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -143,6 +150,8 @@ class Standstill:
             Its time and its reason.
         """
         rest = f"at rest from {self.since:g} s to the end at {self.until:g} s"
+        if not self.commands_known:
+            return f"{rest}: {_UNKNOWN}{self._arrival()}"
         if self.commanded_until is None:
             return f"{rest}: no command changed anything{self._arrival()}"
         clauses = [f"{rest}: commands changed up to {self.commanded_until:g} s"]
@@ -189,6 +198,7 @@ def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstil
         margin=max(float(resting.min()), 0.0) if known else None,
         last_message=topic,
         last_message_at=arrived,
+        commands_known=table.commanded,
     )
 
 

@@ -492,6 +492,28 @@ def test_a_rest_in_the_middle_is_told_with_its_reason(tmp_path):
     assert found.standstill is None
 
 
+def test_a_recording_without_commands_tells_nothing_about_them(tmp_path):
+    bag = play_once(tmp_path / "a", pausing((0.0, 0.0), (1.0, 1.0), (4.0, 1.0), (5.0, 0.0)))
+
+    def keep(*names: str) -> Path:
+        def change(name: str, ns: int, data: bytes) -> list:
+            return [(name, ns, data)] if name in names else []
+
+        return rewrite(bag, tmp_path / "-".join(names), change, None)
+
+    found = analyse(keep("joint_states", "contact_states"))
+    (rest,) = found.rests
+    assert rest.as_plain()["commanded"] is None
+    with Screen(record=True, width=200) as screen:
+        print_replay(found, screen)
+    text = screen.export_text()
+    assert "cycles: none, as the commands in force were not recorded" in text
+    assert "at rest from 1 s to 4.02 s: the commands in force were not recorded" in text
+    found = analyse(keep("joint_states"))  # which shows the first contact alone
+    assert found.rests == ()
+    assert found.standstill is None
+
+
 def test_a_cycle_ends_with_its_commands_and_not_with_their_tick(tmp_path):
     """A period of 1 s has no whole number of ticks at 7.7 Hz: the last one holds in the rest of its tick."""
     scene = pausing(*((0.5 * k, float(k % 2)) for k in range(9)))

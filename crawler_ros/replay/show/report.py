@@ -66,7 +66,8 @@ def _topics(topics: dict[str, TopicHealth]) -> Table:
 def _print_cycles(replay: Replay, screen: Console) -> None:
     cycles = replay.cycles
     if not cycles:
-        screen.print("cycles: none, as the commands do not repeat")
+        why = "do not repeat" if replay.table.commanded else "in force were not recorded"
+        screen.print(f"cycles: none, as the commands {why}")
         return
     transient = sum(c.transient for c in cycles)
     source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
