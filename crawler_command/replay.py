@@ -12,7 +12,17 @@ import typer
 from crawler_model import CrawlerError
 from crawler_ros.node.life.leave import STOPPED
 
-from .screen import READERS, ForceOption, TwoColumnsOption, check_output, progress_bar, require, screen
+from .screen import (
+    READERS,
+    ForceOption,
+    NamespaceOption,
+    SceneOption,
+    TwoColumnsOption,
+    check_output,
+    progress_bar,
+    require,
+    screen,
+)
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -27,11 +37,6 @@ Recordings = Annotated[
         help="A bag folder or an .mcap file, complete or not; for a folder of bags, the newest. Several: a data set."
     ),
 ]
-SceneOption = Annotated[
-    str | None,
-    typer.Option(help="The scene that ran, a file or a gallery name, for a recording that does not hold it."),
-]
-NamespaceOption = Annotated[str | None, typer.Option(help="Namespace of the crawler, where several were recorded.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 

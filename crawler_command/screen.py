@@ -108,6 +108,11 @@ class MethodName(str, Enum):
 
 
 ForceOption = Annotated[bool, typer.Option("--force", "--overwrite", help="Replace existing files.")]
+SceneOption = Annotated[
+    str | None,
+    typer.Option(help="The scene that ran, a file or a gallery name, for a recording that does not hold it."),
+]
+NamespaceOption = Annotated[str | None, typer.Option(help="Namespace of the crawler, where several were recorded.")]
 TwoColumnsOption = Annotated[
     bool, typer.Option("--two-columns", help="Draw the panels over time of --png in two columns, for print.")
 ]

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,18 @@ import typer
 
 from crawler_model import CrawlerError
 
-from .screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen, whole_file
+from .screen import (
+    READERS,
+    ForceOption,
+    NamespaceOption,
+    SceneOption,
+    check_output,
+    is_recording,
+    progress_bar,
+    require,
+    screen,
+    whole_file,
+)
 
 if TYPE_CHECKING:
     from crawler_model import Scene
@@ -35,6 +46,8 @@ def view(
     at: Annotated[
         float | None, typer.Option(help="With --png: the simulated time to show, s; by default the end.")
     ] = None,
+    scene: SceneOption = None,
+    namespace: NamespaceOption = None,
     force: ForceOption = False,
 ) -> None:
     """Open a recording in rerun with our blueprint, or render that view without a display.
@@ -66,24 +79,20 @@ def view(
     with tempfile.TemporaryDirectory() as folder:
         rrd = recording
         if recording.suffix != ".rrd":
-            from crawler_ros.replay.analysis import find_jumps
             from crawler_ros.viewer.frames import FRAME_EVERY_NS
-            from crawler_ros.viewer.visualizer import draw_frames, draw_recording
+            from crawler_ros.viewer.visualizer import draw_frames
 
-            rrd, again = Path(folder) / "recording.rrd", simulate_between(recording, FRAME_EVERY_NS)
-            if again is None:
-                draw_recording(recording, rrd, jumps=find_jumps(recording))
-            else:
-                draw_frames(*again, rrd)
+            rrd = Path(folder) / "recording.rrd"
+            draw_frames(*read_frames(recording, scene, namespace, FRAME_EVERY_NS), rrd)
         if png is not None:
             with progress_bar(f"rendering {png.name}"):
-                _render(recording, rrd, png, at)
+                _render(recording, rrd, png, at, (scene, namespace))
             screen.print(f"rendered: {png}", markup=False)
             return
         raise typer.Exit(subprocess.call([viewer_binary(), "--bind", "127.0.0.1", str(rrd)]))
 
 
-def _render(recording: Path, rrd: Path, png: Path, at: float | None) -> None:
+def _render(recording: Path, rrd: Path, png: Path, at: float | None, given: tuple[str | None, str | None]) -> None:
     """Render an instant by the viewer, or by matplotlib where the viewer finds no driver."""
     from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
 
@@ -93,11 +102,42 @@ def _render(recording: Path, rrd: Path, png: Path, at: float | None) -> None:
         except DriverError as error:
             if rrd == recording:
                 raise CrawlerError(f"{error}; without it, name the recording instead of its .rrd file") from error
-            from crawler_ros.viewer.frames import frames_of_recording
-
             print(f"crawler: {error}; drawn by matplotlib instead", file=sys.stderr)
-            scene, frames = simulate_between(recording) or frames_of_recording(recording)
+            scene, frames = read_frames(recording, *given)
             draw_instant(scene, list(frames), part, at)
+
+
+def read_frames(
+    recording: Path, scene: str | None, namespace: str | None, every_ns: int = 0, jumps: bool = True
+) -> tuple[Scene, Iterable[Frame]]:
+    """Read the frames of a recording, and simulate those between published states.
+
+    Args:
+        recording: a bag folder or an .mcap file.
+        scene: the scene that ran, for a recording that does not hold it.
+        namespace: namespace of the crawler, where several were recorded.
+        every_ns: least time between simulated frames [ns].
+        jumps: whether to find the jumps, by a simulation.
+
+    Returns:
+        The scene and its frames.
+
+    Raises:
+        BagError: when it cannot be read, holds no scene and none is named, or holds several crawlers.
+        SceneError: when the named scene is invalid.
+    """
+    from crawler_model import load_scene
+    from crawler_ros.replay.analysis import find_jumps
+    from crawler_ros.replay.health import choose_robot, survey_recording
+    from crawler_ros.viewer.frames import frames_of_recording
+
+    loaded = None if scene is None else load_scene(scene)
+    robot = None if namespace is None else choose_robot(survey_recording(recording), namespace)
+    between = simulate_between(recording, every_ns) if loaded is None and namespace is None else None
+    if between is not None:
+        return between
+    found = find_jumps(recording, loaded, namespace) if jumps else []
+    return frames_of_recording(recording, loaded, robot, found)
 
 
 def simulate_between(recording: Path, every_ns: int = 0) -> tuple[Scene, list[Frame]] | None:
@@ -150,6 +190,8 @@ def animate(
     start: Annotated[float, typer.Option("--from", help="Simulated time at which the film begins, s.")] = 0.0,
     end: Annotated[float | None, typer.Option("--to", help="Simulated time at which it ends, s.")] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time that it shows, s; instead of --to.")] = None,
+    scene: SceneOption = None,
+    namespace: NamespaceOption = None,
     force: ForceOption = False,
 ) -> None:
     """Make a film of a scene or a recording: the crawling body, its contacts over time, and the sweeping process.
@@ -173,8 +215,13 @@ def animate(
     write = _choose_writer(out, fps, force)
     if is_recording(source):
         require(*READERS)
+    elif scene is not None or namespace is not None:
+        raise CrawlerError(f"--scene, --namespace: {source} is a scene and no recording")
     with progress_bar("reading" if is_recording(source) else "simulating") as progress:
-        film = _shoot(source, start, end, fps, speed, progress)
+        if is_recording(source):
+            film = _cut(Path(source), (scene, namespace), (start, end), fps, speed)
+        else:
+            film = _shoot(source, start, end, fps, speed, progress)
     with progress_bar("drawing") as progress, whole_file(out) as part:
         write(film, part, fps, progress)
     screen.print(
@@ -201,28 +248,30 @@ def _choose_writer(out: Path, fps: float, force: bool) -> Callable[[Film, Path, 
     return encode.write_mp4
 
 
+def _cut(
+    source: Path, given: tuple[str | None, str | None], span: tuple[float, float | None], fps: float, speed: float
+) -> Film:
+    """Read a recording, and sample it at the frames of the film."""
+    from crawler_pictures.film.film import frame_times
+    from crawler_ros.recording.bag import newest
+    from crawler_ros.viewer.arrays import film_of_frames
+
+    scene, frames = read_frames(newest(source), *given, jumps=False)
+    film = film_of_frames(scene, list(frames))
+    first, last = float(film.time[0]), float(film.time[-1])
+    begin, stop = max(span[0], first), last if span[1] is None else span[1]
+    if not first - 1e-9 <= begin < stop <= last + 1e-9:
+        raise CrawlerError(f"--from, --to: {span[0]:g} to {stop:g} s; the recording goes from {first:g} to {last:g} s")
+    return film.sample(frame_times(begin, stop, fps, speed))
+
+
 def _shoot(
     source: str, start: float, end: float | None, fps: float, speed: float, progress: Callable[[float], None]
 ) -> Film:
-    """Run a scene or read a recording, and sample it at the frames of the film."""
+    """Run a scene, and sample it at the frames of the film."""
     from crawler_model import load_scene, prepare, simulate
     from crawler_pictures.film.film import film_of_run, frame_times
 
-    if is_recording(source):
-        from crawler_ros.recording.bag import newest
-        from crawler_ros.viewer.arrays import film_of_frames
-        from crawler_ros.viewer.frames import frames_of_recording
-
-        recording = newest(Path(source))
-        scene, frames = simulate_between(recording) or frames_of_recording(recording)
-        film = film_of_frames(scene, list(frames))
-        first, last = float(film.time[0]), float(film.time[-1])
-        begin, stop = max(start, first), last if end is None else end
-        if not first - 1e-9 <= begin < stop <= last + 1e-9:
-            raise CrawlerError(
-                f"--from, --to: {start:g} to {stop:g} s; the recording goes from {first:g} to {last:g} s"
-            )
-        return film.sample(frame_times(begin, stop, fps, speed))
     scene = load_scene(source)
     if scene.drive.holds:
         raise CrawlerError(f"{source}: the scene has no drive, so nothing moves; record a run, or add a drive")

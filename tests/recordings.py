@@ -89,7 +89,7 @@ def write(folder: Path, sent, attached: dict, namespace: str = "/") -> Path:
     channels: dict[str, int] = {}
     for k, (name, _, data) in enumerate(sent):
         if name not in channels:
-            channels[name] = bag.add_topic(read_topics()[name], namespace + name)
+            channels[name] = bag.add_topic(read_topics()[name.rpartition("/")[2]], namespace + name)
         bag.write(channels[name], 10**18 + k, 10**18 + k, data)
         if k % 200 == 199:
             bag.flush()

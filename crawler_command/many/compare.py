@@ -11,8 +11,18 @@ import typer
 
 from crawler_model import CrawlerError
 
-from ..replay import JsonOption, NamespaceOption, SceneOption
-from ..screen import READERS, ForceOption, check_output, is_recording, progress_bar, require, screen
+from ..replay import JsonOption
+from ..screen import (
+    READERS,
+    ForceOption,
+    NamespaceOption,
+    SceneOption,
+    check_output,
+    is_recording,
+    progress_bar,
+    require,
+    screen,
+)
 
 if TYPE_CHECKING:
     from crawler_model import Scene

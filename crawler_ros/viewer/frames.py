@@ -203,8 +203,8 @@ def frames_of_recording(
     Args:
         path: a bag folder or an .mcap file, complete or not.
         scene: the body, for a recording that does not hold its scene.
-        robot: the crawler, where several were recorded; None for the one whose topics the recording lists, else for
-            all.
+        robot: the crawler, where several were recorded; None for the one whose topics the recording lists, or the
+            only one.
         jumps: numbers of runs between resets and jumps in them, in order, as a simulation of the recording finds them:
             the recorded states do not hold them.
 
@@ -212,7 +212,7 @@ def frames_of_recording(
         The scene and its frames, one per joint_states message.
 
     Raises:
-        BagError: when it cannot be read, or its scene is missing.
+        BagError: when it cannot be read, its scene is missing, or several crawlers were recorded.
     """
     from ..recording import bag
 
@@ -242,6 +242,8 @@ def _frames(
 ) -> Iterator[Frame]:
     from rosbags.typesys import Stores, get_typestore
 
+    from ..recording.bag import BagError
+
     deserialize = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
     body, row = scene.body, scene.drive.rows[0]
     ahead, run, last = deque(jumps), 0, 0
@@ -260,8 +262,12 @@ def _frames(
         damaged += 1
         return None
 
+    topics: dict[str, str] = {}
     for record in records:
         name = record.topic.rsplit("/", 1)[-1] if robot is None else robot.meant(record.topic)
+        if name in ("applied_commands", "joint_states") and record.topic != topics.setdefault(name, record.topic):
+            both = f"{topics[name]} and {record.topic}"
+            raise BagError(f"{path}: several crawlers were recorded, with {both}; name one with --namespace")
         if name == "applied_commands":
             commanded = decode(record.data, record.type)
             if commanded is not None and commanded.points:

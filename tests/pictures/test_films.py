@@ -20,6 +20,7 @@ from PIL import Image, ImageSequence
 from crawler_bench.cases import CASES
 from crawler_command.app import main
 from crawler_model import load_scene, simulate
+from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
 from crawler_pictures.film.camera import follow
 from crawler_pictures.film.encode import write_gif, write_mp4
@@ -28,7 +29,7 @@ from crawler_pictures.film.moving_set import moving_set
 from crawler_pictures.film.player import write_html
 from crawler_pictures.film.stage import Stage
 
-from ..recordings import record
+from ..recordings import hold, messages, play, record, write
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 TOLERANCE = 8.0
@@ -236,6 +237,27 @@ def test_a_recording_becomes_a_film_of_the_times_asked_for(tmp_path, capsys):
     run = simulate(load_scene("two_anchor_a"), 2.0, 100.0)
     shown = unpack(data["place"]).reshape(76, 2)
     assert shown[[0, 75]] == pytest.approx(run.displacement[[50, 200]] + [0.0, 1.0], abs=1e-6)
+
+
+def test_the_scene_and_the_namespace_of_a_film_can_be_named(tmp_path, capsys):
+    """Recorders other than the simulator note neither, and may record several crawlers."""
+    scene = load_scene("two_anchor_a")
+    one = [(f"left/{name}", ns, data) for name, ns, data in messages(scene, play(scene, 0, NS))]
+    other = [(f"right/{name}", ns, data) for name, ns, data in messages(scene, hold(0, 100))]
+    bag = write(tmp_path / "bag", [message for pair in zip(one, other, strict=False) for message in pair], {})
+
+    def animate(*more: str) -> str:
+        with pytest.raises(SystemExit):
+            main(["animate", str(bag), "--out", str(tmp_path / "x.html"), *more])
+        return "".join(capsys.readouterr())
+
+    assert "the recording does not hold its scene; name one with --scene" in animate()
+    both = "several crawlers were recorded, with /left/joint_states and /right/joint_states; name one with --namespace"
+    assert both in animate("--scene", scene.name)
+    assert "/up; there are /left, /right" in animate("--scene", scene.name, "--namespace", "up")
+    assert "26 frames, 0 to 1 s" in animate("--scene", scene.name, "--namespace", "left")
+    shown = unpack(read_page(tmp_path / "x.html")[1]["place"]).reshape(26, 2)
+    assert shown[-1] == pytest.approx(simulate(scene, 1.0).displacement[-1] + [0.0, 1.0], abs=1e-6)
 
 
 @pytest.mark.parametrize(
