@@ -22,7 +22,7 @@ Offset = Literal["none", "frame", "each"]
 _LONGEST_LAG = 0.1
 """As a part of the recording."""
 _LARGE = 60_000
-"""Fitted values of large recordings."""
+"""Fitted values of large recordings, weighted by the time that an evaluation takes."""
 _WIDEST = 6.0
 """Standard deviations of a prior within which its number is searched."""
 
@@ -166,7 +166,7 @@ class Problem:
     @property
     def is_large(self) -> bool:
         """Whether an evaluation takes long, so that there should be few of them."""
-        return sum(int(p.sum()) for p in self.present) > _LARGE or not all(r.is_affine for r in self.replicas)
+        return sum(int(p.sum()) * r.weight for r, p in zip(self.replicas, self.present, strict=True)) > _LARGE
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -75,7 +75,8 @@ class Replica:
     Attributes:
         derivative_error: part by which derivatives may be wrong [1]; 0 for exact ones.
         start_values: the values of the parameters in the scene, shape (P,).
-        is_affine: whether all arrays of the scene are affine in the parameters, so that an evaluation costs little.
+        weight: time that an evaluation takes, relative to that where all arrays of the scene are affine in the
+            parameters and derivatives exact [1]; infinity where it takes long at any size.
         limits: the parameters that move a limit, a stop or another knot of a spring.
     """
 
@@ -103,11 +104,12 @@ class Replica:
         self._local = differentiate_arrays(self._base, self._keys, _CALLER)
         self.start_values = self._local.values
         self.limits: list[int] = np.flatnonzero(self._local.pieces[:, (BEGIN, END)].any(axis=(0, 1))).tolist()
-        self.is_affine = False
+        self._is_affine = False
         if self._is_recorded and not self._base.body.bends:
             far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
             with contextlib.suppress(SceneError):
-                self.is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
+                self._is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
+        self.weight = 1.0 if self._is_affine else np.inf
 
     def _prepare(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str) -> None:
         """Check the keys against the scene that plays the recording."""
@@ -295,7 +297,7 @@ class Replica:
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives, or zeros; None if they are not valid."""
         local, base = self._local, self._base
-        if not self.is_affine and not np.array_equal(values, local.values):
+        if not self._is_affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
                 if with_derivatives:

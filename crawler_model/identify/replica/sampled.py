@@ -25,8 +25,11 @@ from .replica import Prediction, Replica
 
 _TOLERANCE = 1e-5
 """Of runs in the plane, far below the differences of runs."""
-_STEP = 2.0**-10
-"""Step of the differences, relative to the value of the parameter [1]."""
+_STEPS = {1: 2.0**-18, 2: 2.0**-10}
+"""Step of the differences by the dimension of the body, relative to the value of the parameter [1]. Runs on a line are
+exact, and a jump within the step would count as a derivative."""
+_RUN = 3.0
+"""How many times as long as one with exact derivatives a run takes at least [1]."""
 _SMALLEST = 2.0**-4
 """Values are taken to be of this size at least."""
 
@@ -54,7 +57,8 @@ class SampledReplica(Replica):
             self._base = Scene.model_validate(self._base.document() | {"tolerance": tolerance})
         varied = Variations(self._base, {key: np.zeros(1) for key in keys}, (1,))
         self.start_values = np.array([varied.origin(key) for key in keys])
-        self.is_affine = False  # an evaluation takes two runs for each parameter
+        self.weight = _RUN * (1 + 2 * len(keys))
+        self._step = _STEPS[scene.dimension]
         self.limits = []  # they are not examined here
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> None:
@@ -82,8 +86,8 @@ class SampledReplica(Replica):
         """
         at = np.rint(np.maximum(self.measured.time - lag, 0.0) * NS).astype(np.int64)
         count = values.size + with_gain
-        steps = np.append(_STEP * np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values)), _STEP)
-        steps = np.where(steps > 0.0, steps, _STEP)
+        sizes = np.append(np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values)), 1.0)
+        steps = self._step * np.where(sizes > 0.0, sizes, 1.0)
         moves = [(p, side * steps[p]) for p in range(count) for side in (1.0, -1.0)]
 
         def run(move: tuple[int, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
