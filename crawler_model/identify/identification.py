@@ -73,9 +73,12 @@ class Identification:
             recording: its index.
 
         Returns:
-            The scene; its drive is the recorded commands, straight between rows.
+            The scene; its drive is the recorded commands, straight between rows, with lengths as the actuators reach
+            them if they have a gain.
         """
-        return playback(self.scene, self.recordings[recording])
+        measured = self.recordings[recording]
+        gains = [one.value for one in self.sensors if (one.name, one.recording) == ("gain", measured.name)]
+        return playback(self.scene, measured, gains[0] if gains else 0.0)
 
     def __repr__(self) -> str:
         """Describe the result in one line."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit
 from .fit.problem import Offset, Problem
 from .fit.space import build_space
-from .forecast.posterior import collect_posterior
+from .forecast.posterior import GAIN, collect_posterior
 from .identification import Identification
 from .judge.bounds import release
 from .judge.explain import explain_misfit, remark
@@ -229,8 +230,13 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
     noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
     added = list(zip(problem.designs, problem.offsets, fit.residuals.linear, strict=True))
-    plain = [parameter.as_plain() for parameter in parameters]
-    posterior = collect_posterior(plain, covariance[:count, :count] * np.outer(slope, slope), freedom)
+    plain: list[Mapping[str, Any]] = [parameter.as_plain() for parameter in parameters]
+    weights = np.eye(problem.count)[:count] * slope[:, None]
+    if problem.sensor.gain != (0.0, 0.0):
+        gain, weight = _find_gain(problem, fit, covariance)
+        plain.append({"name": GAIN, "verdict": "identified", "value": gain})
+        weights = np.vstack((weights, weight))
+    posterior = collect_posterior(plain, weights @ covariance @ weights.T, freedom)
     return Identification(
         posterior.apply(scene),
         tuple(remark(p, explanations) for p in parameters),
@@ -253,6 +259,18 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         posterior,
         fit.interrupted,
     )
+
+
+def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Find the gain of the actuators from those of all recordings, and its weights of the unknowns, shape (U,)."""
+    gains = np.array([problem.sensed(fit.unknowns, i)[GAIN] for i in range(len(problem.replicas))])
+    weight = np.zeros(problem.count)
+    if GAIN not in problem.names:
+        return float(gains.mean()), weight
+    places = [problem.places(i)[problem.names.index(GAIN)] for i in range(gains.size)]
+    precision = 1.0 / np.diag(covariance)[places]
+    weight[places] = precision / precision.sum()
+    return float(gains @ weight[places]), weight
 
 
 def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:

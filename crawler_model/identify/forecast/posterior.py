@@ -21,6 +21,8 @@ _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""
 _FARTHEST = 20.0
 """Factor beyond its bound up to which a parameter is drawn."""
+GAIN = "gain"
+"""Name among those of the parameters for the error of the gain of the actuators."""
 Interval = tuple[float | None, float | None]
 
 
@@ -29,7 +31,8 @@ class Posterior:
     """The fitted numbers of a scene with their covariance, and what is known about the others.
 
     Attributes:
-        names: the P parameters with the verdicts `identified` and `ratio`, those left out that only fix a scale.
+        names: the P parameters with the verdicts `identified` and `ratio`, those left out that only fix a scale; and
+            `gain`, if the actuators have one, which multiply lengths by 1 + gain.
         values: shape (P,) [unit of each key].
         covariance: of the values, shape (P, P) [product of both units].
         bounds: lower and upper bound of each parameter that is only bounded; None on the side that is not known.
@@ -92,12 +95,17 @@ class Posterior:
         }
 
     def known_numbers(self) -> tuple[str, ...]:
-        """Name all parameters about which something is known.
+        """Name all numbers of the scene about which something is known.
 
         Returns:
             Those with a covariance, those that are bounded, and those that are held.
         """
-        return (*self.names, *self.bounds, *self.held)
+        return (*(name for name in self.names if name != GAIN), *self.bounds, *self.held)
+
+    @property
+    def gain(self) -> float:
+        """Error of the gain of the actuators, which multiply lengths by 1 + gain [1]."""
+        return float(self.values[self.names.index(GAIN)]) if GAIN in self.names else 0.0
 
     def check(self, scene: Scene) -> None:
         """Check that a scene has all parameters.
@@ -130,6 +138,7 @@ class Posterior:
         """
         self.check(scene)
         values = {**dict(zip(self.names, self.values.tolist(), strict=True)), **self.held}
+        values.pop(GAIN, None)
         for name, (low, high) in self.bounds.items():
             try:
                 value = Variations(scene, {name: np.zeros(1)}, (1,)).origin(name)
@@ -167,7 +176,7 @@ class Posterior:
         return np.asarray(drawn)
 
     def draw_bodies(self, rng: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        """Draw values of all parameters about which something is known.
+        """Draw values of all numbers of the scene about which something is known.
 
         Args:
             rng: source of random numbers.
@@ -178,6 +187,7 @@ class Posterior:
             parameters that are only bounded; the value that fixes the scale of ratios.
         """
         drawn = dict(zip(self.names, self.draw(rng, count).T, strict=True))
+        drawn.pop(GAIN, None)
         for name, interval in self.bounds.items():
             part = rng.random(count)
             drawn[name] = np.array([beyond_bound(interval, float(_FARTHEST**one)) for one in part])
@@ -272,17 +282,18 @@ def collect_posterior(parameters: Sequence[Mapping[str, Any]], covariance: np.nd
     """Collect what an identification knows.
 
     Args:
-        parameters: the verdicts, as `crawler identify --json` prints them.
-        covariance: of the values of all parameters, shape (P, P); zero in the rows and columns of those that are held.
+        parameters: the verdicts, as `crawler identify --json` prints them; and `gain`, if the actuators have one.
+        covariance: of the values of all of these, shape (P, P); zero in the rows and columns of those that are held.
         freedom: degrees of freedom from which the size of the covariance was estimated [1].
 
     Returns:
         The posterior.
     """
     known = np.array([parameter["verdict"] in ("identified", "ratio") for parameter in parameters], np.bool_)
-    determined = np.flatnonzero(known & (np.diag(covariance) > 0.0)).tolist()
+    gain = np.array([parameter["name"] == GAIN for parameter in parameters], np.bool_)  # which may be known exactly
+    determined = np.flatnonzero(known & (np.diag(covariance) > 0.0) | gain).tolist()
     own = covariance[np.ix_(determined, determined)]
-    size = np.sqrt(np.diag(own))
+    size = np.where(np.diag(own) > 0.0, np.sqrt(np.diag(own)), 1.0)
     values, vectors = np.linalg.eigh(0.5 * (own + own.T) / np.outer(size, size))  # its rounding may be negative
     own = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size)
     entry = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,15 +19,18 @@ from ...notebook import write_html
 from ...scene.file import coerce_scene, load_drive
 from ...scene.scene import Scene
 from ...sweep.vary import Variations, vary
+from ..replica.playback import scale_drive
 from ..sensor.noise import find_quantile
 from .outcome import FARTHEST, TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
-from .posterior import Interval, Posterior, read_posterior
+from .posterior import GAIN, Interval, Posterior, read_posterior
 
 _SAMPLES = 400
 """Samples of the positions unless a rate is given."""
 _PERIODS = 10
 _UNKNOWN = (1.0 / 3.0, 3.0)
 """Factors by which a parameter of which nothing is known is moved to see whether the motion depends on it."""
+_STEP = 2.0**-20
+"""Step of the differences by the gain of the actuators [1]."""
 _SCALE = 1e-6
 """Part of a change below which multiplying all parameters of a ratio changes nothing."""
 
@@ -188,7 +192,8 @@ def predict(
     scene = coerce_scene(scene, "predict")
     if not isinstance(posterior, Posterior):
         posterior = read_posterior(posterior, scene)
-    played = _with_drive(posterior.apply(scene), drive)
+    fitted = posterior.apply(scene)
+    played = _with_drive(fitted, drive, posterior.gain)
     if not played.has_exact_derivatives:
         where = "is in the plane" if played.dimension == 2 else "has ground.patches"
         raise SceneError(
@@ -201,7 +206,7 @@ def predict(
         raise CommandError(f"predict: periods: {periods}; the drive has no period")
     if periods is not None and not 1 <= periods <= 10_000:
         raise CommandError(f"predict: periods: {periods}; it must be between 1 and 10000")
-    count = _PERIODS if periods is None else periods
+    count = periods or _PERIODS
     duration = float(played.drive.times[-1]) if period is None else count * period
     if not duration > 0.0:
         raise SceneError(f"predict: the drive of {played.name} ends where it begins; it must have a duration")
@@ -209,13 +214,19 @@ def predict(
     names, bounds = _parameters(posterior, played, replaced=drive is not None)
 
     def evaluate(values: Mapping[str, float]) -> Outcome:
-        changed = _put(played, values)
-        return find_outcome(changed, names, count, rate)
+        outcome = find_outcome(_put(played, values), names, count, rate)
+        if GAIN not in posterior.names:
+            return outcome
+        sides = [_with_drive(fitted, drive, posterior.gain + step) for step in (-_STEP, _STEP)]
+        results = [find_outcome(_put(side, values), (), count, rate).results for side in sides]
+        slopes = np.column_stack((outcome.slopes, np.diff(results, axis=0)[0] / (2.0 * _STEP)))
+        return dataclasses.replace(outcome, slopes=slopes)
 
     found, matter = explore(evaluate, bounds, names, np.random.default_rng(0))
-    best = found[0] if not matter else evaluate({})
-    _check_known(posterior, names, [best, *found], evaluate)
-    low, high = _bands(posterior, names, [best, *found] if matter else found)
+    found = [evaluate({}), *found] if matter else found
+    best = found[0]
+    _check_known(posterior, names, found, evaluate)
+    low, high = _bands(posterior, names, found)
     bands = [Band(*(float(array[k]) for array in (best.results, low, high))) for k in range(TOTALS)]
     shape = (best.time.size, played.body.contacts)
     position, lows, highs = (frozen(array[TOTALS:].reshape(shape)) for array in (best.results, low, high))
@@ -236,16 +247,23 @@ def predict(
     )
 
 
-def _with_drive(scene: Scene, drive: Scene | Mapping[str, Any] | str | Path | None) -> Scene:
-    """Let a scene play another drive."""
-    if drive is None:
-        return scene
+def _with_drive(scene: Scene, drive: Scene | Mapping[str, Any] | str | Path | None, gain: float) -> Scene:
+    """Let a scene play another drive, or its own, by actuators that multiply lengths by 1 + gain."""
+    played = scene
     if isinstance(drive, Scene):
         part = drive.document().get("drive")
         if part is None:
             raise SceneError(f"predict: {drive.name} has no drive; without one nothing moves")
-    else:
-        part = drive if isinstance(drive, Mapping) else load_drive(drive)
+        played = _play(scene, part)
+    elif drive is not None:
+        played = _play(scene, drive if isinstance(drive, Mapping) else load_drive(drive))
+    if gain == 0.0 or played.parts.drive is None:
+        return played
+    return _play(played, scale_drive(played.document()["drive"], 1.0 + gain))
+
+
+def _play(scene: Scene, part: Mapping[str, Any]) -> Scene:
+    """Let a scene play a drive."""
     document = scene.document() | {"drive": part}
     try:
         return Scene.model_validate(document)
@@ -293,8 +311,9 @@ def _check_known(posterior: Posterior, names: tuple[str, ...], outcomes: list[Ou
 
 def _bands(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome]) -> tuple[np.ndarray, np.ndarray]:
     """Compute the ends of the bands, of several outcomes those of all together, shape (M,)."""
-    rows = [i for i, name in enumerate(posterior.names) if name in names]
-    columns = [names.index(posterior.names[i]) for i in rows]
+    listed = (*names, GAIN)  # its column is the last one
+    rows = [i for i, name in enumerate(posterior.names) if name in listed]
+    columns = [listed.index(posterior.names[i]) for i in rows]
     factor, quantile = posterior.factor[rows], find_quantile(posterior.freedom)
     ends = []
     for outcome in outcomes:

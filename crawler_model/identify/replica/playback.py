@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,24 +46,51 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     return Scene.model_validate(document)
 
 
-def playback(scene: Scene, measured: Measurements) -> Scene:
+def scale_drive(drive: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Multiply all lengths, strains and angles that a drive commands.
+
+    Args:
+        drive: the part `drive` of a scene.
+        factor: of the lengths [1].
+
+    Returns:
+        The part.
+    """
+    scaled = dict(drive)
+    if "actuation" in drive:
+        scaled["actuation"] = (factor * np.array(drive["actuation"])).tolist()
+    if "length" in drive:
+        scaled["length"] = factor * drive["length"]
+    if "wave" in drive:
+        scaled["wave"] = dict(drive["wave"])
+        for name in {"amplitude", "mean"} & set(drive["wave"]):
+            scaled["wave"][name] = factor * drive["wave"][name]
+    return scaled
+
+
+def playback(scene: Scene, measured: Measurements, gain: float = 0.0) -> Scene:
     """Build the scene whose drive is the recorded commands.
 
     Args:
         scene: the scene, with the values found.
         measured: a recording of it, checked.
+        gain: error of the gain of the actuators, which multiply all lengths by 1 + gain [1].
 
     Returns:
-        The scene; the given one if no commands were recorded, because its own drive was played then.
+        The scene; where no commands were recorded, its own drive was played.
     """
     if not measured.command_names:
-        return scene
+        if gain == 0.0 or scene.parts.drive is None:
+            return scene
+        document = scene.document()
+        return Scene.model_validate(document | {"drive": scale_drive(document["drive"], 1.0 + gain)})
     base = replay_scene(scene, measured)
     columns, names = base.columns, base.columns.names
     rows = np.tile(base.drive.rows[0], (measured.command_time.size, 1))
     rows[:, [names.index(name) for name in measured.command_names]] = measured.commands
     kept = _corners(measured.command_time, rows)
     rows = rows[kept]
+    rows[:, : columns.lengths] *= 1.0 + gain
     drive: dict[str, Any] = {"times": measured.command_time[kept].tolist()}
     drive["actuation"] = _as_actuation(scene, rows[:, : columns.lengths])
     loads = columns.lengths + columns.frictions

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Posterior, Scene, identify, limit_cycle, predict, read_posterior, simulate
+from crawler_model import (
+    CrawlerError,
+    Posterior,
+    Scene,
+    identify,
+    limit_cycle,
+    load_scene,
+    predict,
+    read_posterior,
+    simulate,
+)
+from crawler_model.identify.replica.playback import scale_drive
+from crawler_model.identify.sensor.sensor import Prior, Sensor
 from crawler_model.sweep.vary import Variations
 
 from .posteriors import BACKWARD, FORWARD, NAMES, PERIODIC, posterior, printed, robot
@@ -135,6 +148,48 @@ def test_what_a_record_bounds_is_predicted_for_a_drive_under_which_it_slides():
     assert forecast.gain.low <= truth <= forecast.gain.high
     alone = predict(found.scene, known, PERIODIC)
     assert not alone.gain.low <= truth <= alone.gain.high
+
+
+@pytest.mark.parametrize("gain", [Prior(0.0, 0.02), Prior(0.03, 0.0)])
+@pytest.mark.parametrize("recordings", [1, 2])
+def test_the_gain_of_the_actuators_moves_predictions_and_what_is_played_back(gain, recordings):
+    """Without it, the gain of a period is short of the truth by five per cent, several times its band."""
+    document, factor = chain(3), 1.03
+    measured = []
+    for k in range(10, 10 + recordings):
+        times, rows = walk(2, 6.0, k)
+        moved = measure(document, times, factor * rows, noise=1e-4, seed=k)
+        measured.append(dataclasses.replace(moved, commands=rows))
+    sensor = Sensor(scale=Prior(0.0, 0.0), gain=gain)
+    guess = scaled(document, {"friction.forward": 1.3})
+    found = identify(guess, measured, ["friction.forward"], hold_out=0.0, sensor=sensor)
+    assert found.posterior.names == (*NAMES[:3], "gain")
+    again = read_posterior(json.loads(json.dumps(found.summary())), guess)
+    assert again.gain == pytest.approx(0.03, abs=2e-3)
+    assert set(again.draw_bodies(np.random.default_rng(0), 2)) == set(NAMES[:3])
+    truth = limit_cycle(Scene.model_validate(document | {"drive": scale_drive(PERIODIC, factor)})).gain
+    forecast = predict(guess, again, PERIODIC)
+    assert forecast.gain.low < truth < forecast.gain.high
+    alone = predict(guess, dataclasses.replace(found.posterior, values=[*found.posterior.values[:3], 0.0]), PERIODIC)
+    assert not alone.gain.low < truth < alone.gain.high
+    played = simulate(found.playback(), 6.0, 50.0)
+    np.testing.assert_allclose(np.diff(played.displacement), np.diff(measured[0].values) - 0.1, atol=1e-3)
+
+
+def test_the_gain_multiplies_all_lengths_of_a_drive():
+    """Gains are homogeneous: whatever kind of drive, lengths and forces of twice the size move twice as far."""
+    strategy = load_scene("two_anchor_a").document()
+    wave = load_scene("ten_contact_wave").document()
+    for document in (strategy, wave):
+        twice = copy.deepcopy(document) | {"drive": scale_drive(document["drive"], 2.0)}
+        for part in [twice["friction"]] if "friction" in twice else []:
+            part.update({side: (2.0 * np.array(value)).tolist() for side, value in part.items()})
+        if "start" in twice:
+            twice["start"]["displacement"] = [2.0 * x for x in twice["start"]["displacement"]]
+        if "friction" in twice["drive"]:
+            twice["drive"]["friction"] = 2.0 * twice["drive"]["friction"]
+        one, other = (simulate(Scene.model_validate(each), 1.0).displacement for each in (document, twice))
+        np.testing.assert_allclose(other, 2.0 * one, atol=1e-12)
 
 
 def test_a_bound_beyond_which_the_motion_never_stops_to_change_says_how_far_it_was_followed():
