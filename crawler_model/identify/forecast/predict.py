@@ -223,10 +223,9 @@ def predict(
         return dataclasses.replace(outcome, slopes=slopes)
 
     found, matter = explore(evaluate, bounds, names, np.random.default_rng(0))
-    found = [evaluate({}), *found] if matter else found
-    best = found[0]
-    _check_known(posterior, names, found, evaluate)
-    low, high = _bands(posterior, names, found)
+    best = evaluate({}) if matter else found[0]
+    _check_known(posterior, names, [best, *found], evaluate)
+    low, high = _bands(posterior, names, [best, *found])
     bands = [Band(*(float(array[k]) for array in (best.results, low, high))) for k in range(TOTALS)]
     shape = (best.time.size, played.body.contacts)
     position, lows, highs = (frozen(array[TOTALS:].reshape(shape)) for array in (best.results, low, high))
