@@ -30,6 +30,7 @@ from .judge.verdicts import Parameter
 from .measurements import Measurements, channel_names, observation
 from .replica.playback import playback, replay_scene
 from .replica.replica import Replica
+from .sensor.sensor import Sensor, build_drift
 
 _PRIOR = math.log(3.0) ** 2
 """Variance of a parameter before anything is measured."""
@@ -207,14 +208,14 @@ class _Search:
             longer = [np.vstack((self.rows, self._draw(count))) for _ in range(_CANDIDATES)]
             costs = [self._cost(rows) for rows in longer]
             self.rows = longer[int(np.argmin([cost for cost, _ in costs]))]
-            variance = min(costs, key=lambda pair: pair[0])[1]
-            open_ = variance > 0.5 * _PRIOR
-            stale = stale + 1 if int((~open_).sum()) == excited else 0
-            excited = int((~open_).sum())
-            small = variance <= (interval / _QUANTILE) ** 2
+            variances, directions = np.linalg.eigh(min(costs, key=lambda pair: pair[0])[1])
+            known = variances < 0.5 * _PRIOR  # combinations of parameters, of which ratios may be all that can be known
+            stale = stale + 1 if int(known.sum()) == excited else 0
+            excited = int(known.sum())
+            small = directions[:, known] ** 2 @ variances[known] <= (interval / _QUANTILE) ** 2
             if progress is not None:
                 progress(0.95 * (self.rows.shape[0] - 1) / most)
-            if small.all() or ((small | open_).all() and stale >= _PATIENCE):
+            if small.all() and (known.all() or stale >= _PATIENCE):
                 return
 
     def scene_with_drive(self) -> Scene:
@@ -255,25 +256,36 @@ class _Search:
         return np.where(self.space.logarithmic, self.space.origin * factor, self.space.origin)
 
     def _cost(self, rows: np.ndarray) -> tuple[float, np.ndarray]:
-        """Compute the mean variance of the parameters over the guesses, and the variances for the scene's values."""
+        """Compute the mean variance of the parameters over the guesses, and their covariance for the scene's values."""
         self.replica.measured = self._recording(rows)
-        total, first = 0.0, np.full(self.space.origin.size, _PRIOR)
+        total, first = 0.0, np.asarray(_PRIOR * np.eye(self.space.origin.size))
         for i, values in enumerate(self.guesses):
             information = self._information(values)
             if information is None:
                 return math.inf, first
-            variance = np.diag(np.linalg.inv(information + np.eye(values.size) / _PRIOR))
-            total += float(variance.mean())
-            first = variance if i == 0 else first
+            covariance = np.linalg.inv(information + np.eye(values.size) / _PRIOR)
+            total += float(np.trace(covariance)) / values.size
+            first = covariance if i == 0 else first
         return total, first
 
     def _information(self, values: np.ndarray) -> np.ndarray | None:
-        """Compute the Fisher information about the coordinates, given an unknown offset of the frame, shape (P, P)."""
-        predicted = self.replica.predict(values)
+        """Compute the Fisher information about the coordinates, shape (P, P), as `identify` knows a sensor by default.
+
+        Offset and drift of each channel, lag and scale are unknown, too, with the priors of a `Sensor`.
+        """
+        predicted, measured, sensor = self.replica.predict(values), self.replica.measured, Sensor()
         if predicted is None:
             return None
-        jacobian = predicted.jacobian * (self.space.slope(values) / self.noise)[:, None]
-        contacts = self.replica.measured.on_ground
-        on_ground = jacobian[contacts]
-        jacobian[contacts] -= on_ground.mean(axis=(0, 2))[:, None] if on_ground.size else 0.0
-        return np.asarray(np.einsum("mpt,mqt->pq", jacobian, jacobian, optimize=True))
+        count, slope = values.size, self.space.slope(values)[:, None]
+        total = np.zeros((count + 2, count + 2))
+        total[count:, count:] = np.diag([sensor.lag.deviation**-2, sensor.scale.deviation**-2])
+        drift = np.stack((np.ones(measured.time.size), build_drift(measured.time))) / self.noise
+        prior = np.diag([0.0, sensor.drift.deviation**-2])
+        for m, grounded in enumerate(measured.on_ground):
+            rows = (predicted.jacobian[m] * slope, -predicted.velocity[:, m], predicted.values[:, m] * grounded)
+            moved, parts = np.vstack(rows) / self.noise, 1 + int(grounded)
+            own = drift[:parts]
+            crossed = moved @ own.T
+            total += moved @ moved.T - crossed @ np.linalg.solve(own @ own.T + prior[:parts, :parts], crossed.T)
+        shared = np.linalg.solve(total[count:, count:], total[count:, :count])
+        return np.asarray(total[:count, :count] - total[:count, count:] @ shared)

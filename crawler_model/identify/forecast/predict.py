@@ -190,8 +190,7 @@ def predict(
         CrawlerError: if the posterior does not fit the scene, or the motion depends on a number that it does not know.
     """
     scene = coerce_scene(scene, "predict")
-    if not isinstance(posterior, Posterior):
-        posterior = read_posterior(posterior, scene)
+    posterior = posterior if isinstance(posterior, Posterior) else read_posterior(posterior, scene)
     fitted = posterior.apply(scene)
     played = _with_drive(fitted, drive, posterior.gain)
     if not played.has_exact_derivatives:
