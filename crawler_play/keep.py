@@ -155,11 +155,16 @@ def save_film(session: Session, file: Path) -> None:
     Args:
         session: the session.
         file: the .html file.
+
+    Raises:
+        CommandError: if it is shorter than two frames.
     """
     from crawler_pictures.film.film import film_of_run, frame_times
     from crawler_pictures.film.player import write_html
 
     scene, end = write_scene(session), session.time_ns / 1e9
+    if end * _FPS < 1.0:
+        raise CommandError(f"save: {end:g} s are too short for a film; play {1.0 / _FPS:g} s or more")
     times = frame_times(max(end - FILM_SECONDS, 0.0), end, _FPS, 1.0)
     write_html(film_of_run(scene, _run(session, scene)).sample(times), file, _FPS, lambda _: None)
 

@@ -150,7 +150,7 @@ class View:
             parts.append(f"contact {self._names[jump.contact]} jumps by {jump.distance:.3g} m {why}")
         if not unique:
             parts.append("friction balances: the translation is not determined, and the smallest one is chosen")
-        return "; ".join(parts)
+        return "; ".join(parts) or "nothing moves"
 
     def _side(self, instant: Instant, contact: int) -> str:
         """Name the way in which a contact is nearest to sliding."""

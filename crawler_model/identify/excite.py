@@ -258,7 +258,8 @@ class _Search:
     def _cost(self, rows: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the mean variance of the parameters over the guesses, and their covariance for the scene's values."""
         self.replica.measured = self._recording(rows)
-        total, first = 0.0, np.asarray(_PRIOR * np.eye(self.space.origin.size))
+        total = 0.0
+        first: np.ndarray = _PRIOR * np.eye(self.space.origin.size)
         for i, values in enumerate(self.guesses):
             information = self._information(values)
             if information is None:

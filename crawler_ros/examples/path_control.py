@@ -16,8 +16,9 @@ import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseStamped
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -25,6 +26,11 @@ from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NS = 10**9
+
+
+def within(least: float, most: float) -> ParameterDescriptor:
+    """Describe a parameter with a range, which ROS checks."""
+    return ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=least, to_value=most)])
 
 
 class PathControl(Node):
@@ -35,12 +41,14 @@ class PathControl(Node):
         super().__init__("path_control")
         # x and y of one waypoint after the other, in the frame of `pose`, whose origin is the start; m
         self.waypoints = self.declare_parameter("waypoints", [5.0, 0.0, 9.0, 4.0, 9.0, 10.0]).value
-        self.stroke = self.declare_parameter("stroke", 0.2).value  # mean of both links, m
-        self.limit = self.declare_parameter("limit", 0.2).value  # greatest deviation of a link from it, m
-        self.kp = self.declare_parameter("kp", 0.5).value  # deviation for an error of the heading, m/rad
-        self.ahead = self.declare_parameter("ahead", 2.0).value  # m
-        self.period = round(self.declare_parameter("period", 1.0).value * NS)
-        self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
+        self.stroke = self.declare_parameter("stroke", 0.2, within(-1e3, 1e3)).value  # mean of both links, m
+        self.limit = self.declare_parameter("limit", 0.2, within(0.0, 1e3)).value  # of the deviation from it, m
+        self.kp = self.declare_parameter("kp", 0.5, within(0.0, 1e3)).value  # deviation by heading, m/rad
+        self.ahead = self.declare_parameter("ahead", 2.0, within(1e-6, 1e6)).value  # m
+        self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
+        self.lead = round(
+            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
+        )  # s, simulated, for messages
         self.links = [self.declare_parameter("left", "link_0").value, self.declare_parameter("right", "link_1").value]
         self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.pose = Pose()
@@ -162,7 +170,7 @@ def main(args: list[str] | None = None) -> None:
             executor.spin_once(timeout_sec=0.1)
         if node.problem:
             sys.exit(f"path_control: {node.problem}")
-    except InvalidParameterTypeException as error:
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         sys.exit(f"path_control: {error}")
     finally:
         rclpy.try_shutdown()

@@ -15,8 +15,9 @@ import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -27,19 +28,31 @@ NS = 10**9
 NAMES = ["link_0", "contact_0/friction", "contact_1/friction"]
 
 
+def within(least: float, most: float) -> ParameterDescriptor:
+    """Describe a parameter with a range, which ROS checks."""
+    return ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=least, to_value=most)])
+
+
+def from_to(least: int, most: int) -> ParameterDescriptor:
+    """Describe a parameter that is a whole number in a range."""
+    return ParameterDescriptor(integer_range=[IntegerRange(from_value=least, to_value=most)])
+
+
 class PhaseControl(Node):
     """Plays period after period, each with a phase that depends on the distances of those before."""
 
     def __init__(self) -> None:
         """Declare parameters and open topics."""
         super().__init__("phase_control")
-        self.length = self.declare_parameter("length", 4.0).value  # of the stroke, m
-        self.friction = self.declare_parameter("friction", 1.0).value  # mean, N
-        self.depth = self.declare_parameter("depth", 0.5).value  # modulated fraction of it
-        self.phases = self.declare_parameter("phases", 8).value  # of the coarse scan
-        self.tolerance = self.declare_parameter("tolerance", 1e-4).value  # of the phase, in periods
-        self.period = round(self.declare_parameter("period", 1.0).value * NS)
-        self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
+        self.length = self.declare_parameter("length", 4.0, within(-1e3, 1e3)).value  # of the stroke, m
+        self.friction = self.declare_parameter("friction", 1.0, within(1e-9, 1e6)).value  # mean, N
+        self.depth = self.declare_parameter("depth", 0.5, within(0.0, 1.0)).value  # modulated fraction of it
+        self.phases = self.declare_parameter("phases", 8, from_to(2, 1000)).value  # of the coarse scan
+        self.tolerance = self.declare_parameter("tolerance", 1e-4, within(1e-9, 1.0)).value  # of the phase, in periods
+        self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
+        self.lead = round(
+            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
+        )  # s, simulated, for messages
         self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.y = self.y_before = 0.0
         self.done = Future()
@@ -166,7 +179,7 @@ def main(args: list[str] | None = None) -> None:
             executor.spin_once(timeout_sec=0.1)
         if node.problem:
             sys.exit(f"phase_control: {node.problem}")
-    except InvalidParameterTypeException as error:
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         sys.exit(f"phase_control: {error}")
     finally:
         rclpy.try_shutdown()

@@ -16,8 +16,9 @@ import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -28,19 +29,31 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 NS = 10**9
 
 
+def within(least: float, most: float) -> ParameterDescriptor:
+    """Describe a parameter with a range, which ROS checks."""
+    return ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=least, to_value=most)])
+
+
+def from_to(least: int, most: int) -> ParameterDescriptor:
+    """Describe a parameter that is a whole number in a range."""
+    return ParameterDescriptor(integer_range=[IntegerRange(from_value=least, to_value=most)])
+
+
 class SpeedControl(Node):
     """Plays a period, measures the distance travelled, corrects the amplitude, plays the next."""
 
     def __init__(self) -> None:
         """Declare parameters and open topics."""
         super().__init__("speed_control")
-        self.target = self.declare_parameter("target", 0.1).value  # m per period
-        self.kp = self.declare_parameter("kp", 0.05).value
-        self.ki = self.declare_parameter("ki", 0.3).value
-        self.limit = self.declare_parameter("limit", 0.2).value  # greatest amplitude, m
-        self.period = round(self.declare_parameter("period", 1.0).value * NS)
-        self.lead = round(self.declare_parameter("lead", 0.5).value * NS)  # s of simulated time for messages to arrive
-        self.periods = self.declare_parameter("periods", 0).value  # 0: for ever
+        self.target = self.declare_parameter("target", 0.1, within(-1e3, 1e3)).value  # m per period
+        self.kp = self.declare_parameter("kp", 0.05, within(0.0, 1e3)).value
+        self.ki = self.declare_parameter("ki", 0.3, within(0.0, 1e3)).value
+        self.limit = self.declare_parameter("limit", 0.2, within(0.0, 1e3)).value  # greatest amplitude, m
+        self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
+        self.lead = round(
+            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
+        )  # s, simulated, for messages
+        self.periods = self.declare_parameter("periods", 0, from_to(0, 10**9)).value  # 0: for ever
         self.joints = self.declare_parameter("joints", "link_.*").value  # a regular expression
         self.links: list[str] = []
         self.now = self.end = -1  # simulated time, and the end of the current period, ns
@@ -51,6 +64,10 @@ class SpeedControl(Node):
         self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.refuse_unknown_parameters()
+        try:
+            re.compile(self.joints)
+        except re.error as error:
+            sys.exit(f"speed_control: joints: {self.joints!r} is no regular expression: {error}")
         self.rivals = self.problem = ""
         self.repeated = 0
         self.create_timer(
@@ -62,6 +79,8 @@ class SpeedControl(Node):
         """Find the joints to command, once."""
         if not self.links:
             self.links = [name for name in message.name if re.fullmatch(self.joints, name)]
+            if not self.links:
+                self.problem = f"joints: {self.joints!r} matches none of {', '.join(message.name)}"
             self.play_next()
 
     def on_pose(self, message: PoseStamped) -> None:
@@ -164,7 +183,7 @@ def main(args: list[str] | None = None) -> None:
             executor.spin_once(timeout_sec=0.1)
         if node.problem:
             sys.exit(f"speed_control: {node.problem}")
-    except InvalidParameterTypeException as error:
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         sys.exit(f"speed_control: {error}")
     finally:
         rclpy.try_shutdown()

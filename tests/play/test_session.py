@@ -157,13 +157,17 @@ def test_a_recording_of_ticks_of_uneven_nanoseconds_replays_to_the_bit(tmp_path)
     assert simulate_again(tmp_path / "found.mcap").identical
 
 
-def test_what_a_scene_cannot_hold_is_refused_with_the_reason():
+def test_what_cannot_be_kept_is_refused_with_the_reason(tmp_path):
     session = Session(load_scene("peristaltic_segment"))
     with pytest.raises(CommandError, match="save: nothing has happened yet"):
         write_scene(session)
     session.step()
     with pytest.raises(CommandError, match="save: the commands vary along a segment"):
         write_scene(session)
+    session = Session(load_scene("two_anchor_a"))
+    session.step()
+    with pytest.raises(CommandError, match="save: 0.01 s are too short for a film; play 0.04 s or more"):
+        KEPT["film.html"](session, tmp_path / "film.html")
 
 
 def test_a_wave_moves_each_link_by_the_formula_of_scenes():

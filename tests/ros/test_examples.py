@@ -29,7 +29,8 @@ BEST = re.compile(r"best phase (\S+) of a period, (\S+) m per period")
 
 @pytest.mark.parametrize("module", [speed_control, phase_control, path_control])
 def test_they_are_plain_rclpy_with_standard_messages(module):
-    standard = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "sensor_msgs", "trajectory_msgs", "rclpy"}
+    standard = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces", "sensor_msgs"}
+    standard |= {"trajectory_msgs", "rclpy"}
     imported = set()
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom):

@@ -164,7 +164,12 @@ def test_two_controllers_warn_of_each_other(ros, name):
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 @pytest.mark.parametrize(
-    ("given", "said"), [("no_such:=1.0", "unknown parameter 'no_such'; the parameters are"), ("period:=x", "period")]
+    ("given", "said"),
+    [
+        ("no_such:=1.0", "unknown parameter 'no_such'; the parameters are"),
+        ("period:=x", "period"),
+        ("period:=-1.0", "Parameter period out of range"),
+    ],
 )
 def test_controllers_refuse_wrong_parameters_in_one_line(name, given, said):
     command = [sys.executable, "-m", f"crawler_ros.examples.{name}", "--ros-args", "-p", given]

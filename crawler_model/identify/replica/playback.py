@@ -40,7 +40,7 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     parts = len(document["body"].get("segments", ()))
     links = scene.columns.names[: scene.columns.lengths]
     if scene.dimension == 1 and scene.columns.lengths != scene.columns.links + parts:
-        raise SceneError(f"identify: {scene.name}: the strain of a segment varies along it; commands must be constant")
+        raise SceneError(f"{scene.name}: the strain of a segment varies along it; commands must be constant")
     row = _as_actuation(scene, measured.commands[:1, [place[name] for name in links]])
     document["drive"] = {"times": [0.0, 1.0], "actuation": row * 2}
     return Scene.model_validate(document)
