@@ -268,7 +268,7 @@ def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[floa
     if GAIN not in problem.names:
         return float(gains.mean()), weight
     places = [problem.places(i)[problem.names.index(GAIN)] for i in range(gains.size)]
-    precision = 1.0 / np.diag(covariance)[places]
+    precision = 1.0 / np.maximum(np.diag(covariance)[places], 1e-300)
     weight[places] = precision / precision.sum()
     return float(gains @ weight[places]), weight
 

@@ -46,9 +46,8 @@ class PathControl(Node):
         self.kp = self.declare_parameter("kp", 0.5, within(0.0, 1e3)).value  # deviation by heading, m/rad
         self.ahead = self.declare_parameter("ahead", 2.0, within(1e-6, 1e6)).value  # m
         self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
-        self.lead = round(
-            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
-        )  # s, simulated, for messages
+        # simulated time for messages to arrive
+        self.lead = round(self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS)
         self.links = [self.declare_parameter("left", "link_0").value, self.declare_parameter("right", "link_1").value]
         self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.pose = Pose()

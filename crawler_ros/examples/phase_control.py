@@ -50,9 +50,8 @@ class PhaseControl(Node):
         self.phases = self.declare_parameter("phases", 8, from_to(2, 1000)).value  # of the coarse scan
         self.tolerance = self.declare_parameter("tolerance", 1e-4, within(1e-9, 1.0)).value  # of the phase, in periods
         self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
-        self.lead = round(
-            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
-        )  # s, simulated, for messages
+        # simulated time for messages to arrive
+        self.lead = round(self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS)
         self.now = self.end = -1  # simulated time, and the end of the current period, ns
         self.y = self.y_before = 0.0
         self.done = Future()

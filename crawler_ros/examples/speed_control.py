@@ -50,9 +50,8 @@ class SpeedControl(Node):
         self.ki = self.declare_parameter("ki", 0.3, within(0.0, 1e3)).value
         self.limit = self.declare_parameter("limit", 0.2, within(0.0, 1e3)).value  # greatest amplitude, m
         self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
-        self.lead = round(
-            self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS
-        )  # s, simulated, for messages
+        # simulated time for messages to arrive
+        self.lead = round(self.declare_parameter("lead", 0.5, within(0.0, 1e3)).value * NS)
         self.periods = self.declare_parameter("periods", 0, from_to(0, 10**9)).value  # 0: for ever
         self.joints = self.declare_parameter("joints", "link_.*").value  # a regular expression
         self.links: list[str] = []

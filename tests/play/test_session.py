@@ -166,7 +166,7 @@ def test_what_cannot_be_kept_is_refused_with_the_reason(tmp_path):
         write_scene(session)
     session = Session(load_scene("two_anchor_a"))
     session.step()
-    with pytest.raises(CommandError, match="save: 0.01 s are too short for a film; play 0.04 s or more"):
+    with pytest.raises(CommandError, match=r"save: 0\.01 s are too short for a film; play 0\.04 s or more"):
         KEPT["film.html"](session, tmp_path / "film.html")
 
 

@@ -166,7 +166,7 @@ class Problem:
     @property
     def is_large(self) -> bool:
         """Whether an evaluation takes long, so that there should be few of them."""
-        return sum(int(p.sum()) * r.weight for r, p in zip(self.replicas, self.present, strict=True)) > _LARGE
+        return sum(r.weight * max(int(p.sum()), 1) for r, p in zip(self.replicas, self.present, strict=True)) > _LARGE
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
