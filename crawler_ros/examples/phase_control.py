@@ -47,7 +47,7 @@ class PhaseControl(Node):
         self.length = self.declare_parameter("length", 4.0, within(-1e3, 1e3)).value  # of the stroke, m
         self.friction = self.declare_parameter("friction", 1.0, within(1e-9, 1e6)).value  # mean, N
         self.depth = self.declare_parameter("depth", 0.5, within(0.0, 1.0)).value  # modulated fraction of it
-        self.phases = self.declare_parameter("phases", 8, from_to(2, 1000)).value  # of the coarse scan
+        self.phases = self.declare_parameter("phases", 8, from_to(1, 1000)).value  # of the coarse scan
         self.tolerance = self.declare_parameter("tolerance", 1e-4, within(1e-9, 1.0)).value  # of the phase, in periods
         self.period = round(self.declare_parameter("period", 1.0, within(1e-3, 1e6)).value * NS)
         # simulated time for messages to arrive
