@@ -31,6 +31,7 @@ from .screen import (
 if TYPE_CHECKING:
     from crawler_model import Scene
     from crawler_pictures.film.film import Film
+    from crawler_ros.recording.recorded_robot import Robot
     from crawler_ros.viewer.frames import Frame
 
 _SUFFIXES = (".mp4", ".gif", ".html")
@@ -67,6 +68,8 @@ def view(
         recording = newest(recording)
     if recording.suffix == ".rrd" and recording.read_bytes()[:3] != b"RRF":
         raise CrawlerError(f"{recording}: not a rerun recording")
+    if recording.suffix == ".rrd" and (scene is not None or namespace is not None):
+        raise CrawlerError(f"--scene, --namespace: {recording} is drawn already; name the recording instead")
     if at is not None and png is None:
         raise CrawlerError("--at needs --png: it is the time to render")
     if at is not None and not math.isfinite(at):
@@ -133,19 +136,23 @@ def read_frames(
 
     loaded = None if scene is None else load_scene(scene)
     robot = None if namespace is None else choose_robot(survey_recording(recording), namespace)
-    between = simulate_between(recording, every_ns) if loaded is None and namespace is None else None
+    between = simulate_between(recording, every_ns, loaded, robot)
     if between is not None:
         return between
     found = find_jumps(recording, loaded, namespace) if jumps else []
     return frames_of_recording(recording, loaded, robot, found)
 
 
-def simulate_between(recording: Path, every_ns: int = 0) -> tuple[Scene, list[Frame]] | None:
+def simulate_between(
+    recording: Path, every_ns: int = 0, scene: Scene | None = None, robot: Robot | None = None
+) -> tuple[Scene, list[Frame]] | None:
     """Simulate a recording again where only every n-th state was published, to draw the motion between these states.
 
     Args:
         recording: a bag folder or an .mcap file.
         every_ns: least time between frames [ns].
+        scene: the scene that ran, for a recording that does not hold it.
+        robot: the crawler, where several were recorded; None for the one whose topics the recording lists.
 
     Returns:
         Its scene and its frames; None where the state of every tick was published, or it cannot be simulated again: a
@@ -161,13 +168,14 @@ def simulate_between(recording: Path, every_ns: int = 0) -> tuple[Scene, list[Fr
     from crawler_ros.replay.show.tick_frames import TickFrames
 
     head = bag.read_head(recording)
-    scene, robot = bag.recorded_scene(recording, head.attachments), noted_robot(head.attachments)
+    scene = scene or bag.recorded_scene(recording, head.attachments)
+    robot = robot or noted_robot(head.attachments)
     begun = Survey(recording, head.attachments, head.complete, head.damaged, head.lost, {})
     every = states_every(begun, robot or robot_in("/"), None)
     if scene is None or every == 1:
         return None
     ticks = TickFrames(scene, every_ns)
-    found = analyse(recording, namespace=None if robot is None else robot.namespace, sinks=[ticks])
+    found = analyse(recording, scene, None if robot is None else robot.namespace, [ticks])
     if not ticks.frames:
         shown = f"drawn from the states of every {every}th tick, with straight lines between them"
         print(f"crawler: {recording}: {found.explanation}; {shown}", file=sys.stderr)

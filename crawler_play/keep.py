@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 FILM_SECONDS = 10.0
 """Simulated time that a film shows: the last seconds of a session."""
 _FPS = 25.0
+_LARGEST_TOLERANCE = 0.5
+"""Of a scene [1]."""
 
 
 def write_scene(session: Session) -> Scene:
@@ -35,7 +37,7 @@ def write_scene(session: Session) -> Scene:
 
     Returns:
         The scene, with a waypoint wherever the command changed. Simulated at the rate of the session it ends where the
-        session is, on a line to the bit, in the plane up to rounding.
+        session is, on a line to the bit, in the plane within its tolerance, mostly up to rounding.
 
     Raises:
         CommandError: if nothing happened yet, or a drive cannot hold these commands.
@@ -53,7 +55,7 @@ def write_scene(session: Session) -> Scene:
     try:
         found = Scene.model_validate(document)
         if allowed > 0.0:  # that of a scene is relative to its drive
-            document["tolerance"] = tolerance_of(scene) * allowed / _find_tolerance(found)
+            document["tolerance"] = min(tolerance_of(scene) * allowed / _find_tolerance(found), _LARGEST_TOLERANCE)
             found = Scene.model_validate(document)
     except SceneError as error:
         raise CommandError(f"save: {error}; a recording can hold it") from None

@@ -254,20 +254,21 @@ def _differentiate_alone(
         return arrays
 
     step = (_STEP_OF_CURVES if scene.body.bends else _STEP) * max(abs(value), _SMALLEST)
-    found: np.ndarray | None = None
-    error: SceneError | None = None
+    found, left = np.zeros(base.size), np.ones(base.size, dtype=bool)
+    valid, error = 0, SceneError("")
     for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
         try:
             derivative, grows = _refine(at, base, places, side * step)
         except SceneError as refused:
             error = refused
             continue
-        if not grows.any():
-            return derivative, found is not None
-        found = np.where(grows, 0.0, derivative)
-    if found is None:
+        found = np.where(left & ~grows, derivative, found)
+        left, valid = left & grows, valid + 1
+        if not left.any():
+            break
+    if not valid:
         raise SceneError(f"{caller}: {name}: no value near {value:g} is valid: {error}")
-    return found, True
+    return found, valid > 1 or bool(left.any())
 
 
 def _refine(

@@ -189,6 +189,7 @@ class _Search:
         base = replay_scene(scene, first)
         check_differentiable(base, "excite")
         names = expand_keys(base, keys, "excite")
+        self.seeks_start = any(key.startswith("start") for key in keys)
         self.replica = Replica(scene, first, names, "excite")
         self.space = build_space(names, self.replica.start_values, None)
         near = [self._near() for _ in range(_SCENES - 1)]
@@ -272,21 +273,24 @@ class _Search:
     def _information(self, values: np.ndarray) -> np.ndarray | None:
         """Compute the Fisher information about the coordinates, shape (P, P), as `identify` knows a sensor by default.
 
-        Offset and drift of each channel, lag and scale are unknown, too, with the priors of a `Sensor`.
+        Lag, scale, the drift of each channel, and its offset, or that of the frame if the start is sought, are unknown,
+        too, with the priors of a `Sensor`.
         """
         predicted, measured, sensor = self.replica.predict(values), self.replica.measured, Sensor()
         if predicted is None:
             return None
         count, slope = values.size, self.space.slope(values)[:, None]
-        total = np.zeros((count + 2, count + 2))
-        total[count:, count:] = np.diag([sensor.lag.deviation**-2, sensor.scale.deviation**-2])
-        drift = np.stack((np.ones(measured.time.size), build_drift(measured.time))) / self.noise
+        total = np.zeros((count + 3, count + 3))
+        shared = sensor.lag.deviation**-2, sensor.scale.deviation**-2, 0.0 if self.seeks_start else 1.0
+        total[count:, count:] = np.diag(shared)
+        added = np.stack((np.ones(measured.time.size), build_drift(measured.time)))
         prior = np.diag([0.0, sensor.drift.deviation**-2])
         for m, grounded in enumerate(measured.on_ground):
-            rows = (predicted.jacobian[m] * slope, -predicted.velocity[:, m], predicted.values[:, m] * grounded)
-            moved, parts = np.vstack(rows) / self.noise, 1 + int(grounded)
-            own = drift[:parts]
-            crossed = moved @ own.T
-            total += moved @ moved.T - crossed @ np.linalg.solve(own @ own.T + prior[:parts, :parts], crossed.T)
-        shared = np.linalg.solve(total[count:, count:], total[count:, :count])
-        return np.asarray(total[:count, :count] - total[:count, count:] @ shared)
+            own = slice(int(self.seeks_start), 1 + int(grounded))
+            frame = added[0] * (grounded and self.seeks_start)
+            rows = predicted.jacobian[m] * slope, -predicted.velocity[:, m], predicted.values[:, m] * grounded, frame
+            moved, apart = np.vstack(rows) / self.noise, added[own] / self.noise
+            crossed = moved @ apart.T
+            total += moved @ moved.T - crossed @ np.linalg.solve(apart @ apart.T + prior[own, own], crossed.T)
+        known = np.linalg.solve(total[count:, count:], total[count:, :count])
+        return np.asarray(total[:count, :count] - total[:count, count:] @ known)

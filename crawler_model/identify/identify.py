@@ -231,12 +231,14 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
     added = list(zip(problem.designs, problem.offsets, fit.residuals.linear, strict=True))
     plain: list[Mapping[str, Any]] = [parameter.as_plain() for parameter in parameters]
-    weights = np.eye(problem.count)[:count] * slope[:, None]
+    weights, scatter = np.eye(problem.count)[:count] * slope[:, None], 0.0
     if problem.sensor.gain != (0.0, 0.0):
-        gain, weight = _find_gain(problem, fit, covariance)
+        gain, weight, scatter = _find_gain(problem, fit, covariance)
         plain.append({"name": GAIN, "verdict": "identified", "value": gain})
         weights = np.vstack((weights, weight))
-    posterior = collect_posterior(plain, weights @ covariance @ weights.T, freedom)
+    known = weights @ covariance @ weights.T
+    known[count:, count:] += scatter
+    posterior = collect_posterior(plain, known, freedom)
     return Identification(
         posterior.apply(scene),
         tuple(remark(p, explanations) for p in parameters),
@@ -261,16 +263,22 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     )
 
 
-def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray]:
-    """Find the gain of the actuators from those of all recordings, and its weights of the unknowns, shape (U,)."""
+def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray, float]:
+    """Find the gain of the actuators from those of all recordings.
+
+    Returns its value, its weights of the unknowns, shape (U,), and the variance by which recordings that contradict
+    each other widen it.
+    """
     gains = np.array([problem.sensed(fit.unknowns, i)[GAIN] for i in range(len(problem.replicas))])
     weight = np.zeros(problem.count)
     if GAIN not in problem.names:
-        return float(gains.mean()), weight
+        return float(gains.mean()), weight, 0.0
     places = [problem.places(i)[problem.names.index(GAIN)] for i in range(gains.size)]
     precision = 1.0 / np.maximum(np.diag(covariance)[places], 1e-300)
     weight[places] = precision / precision.sum()
-    return float(gains @ weight[places]), weight
+    gain = float(gains @ weight[places])
+    scatter = float(precision @ (gains - gain) ** 2) / max(gains.size - 1, 1)
+    return gain, weight, max(scatter - 1.0, 0.0) / float(precision.sum())
 
 
 def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:

@@ -58,6 +58,8 @@ class PathControl(Node):
         self.refuse_unknown_parameters()
         if not self.waypoints or len(self.waypoints) % 2:
             sys.exit(f"path_control: waypoints: {len(self.waypoints)} number(s); x and y of each waypoint are needed")
+        if not all(map(math.isfinite, self.waypoints)):
+            sys.exit("path_control: waypoints: they must be finite")
         self.rivals = self.problem = ""
         self.repeated = 0
         self.create_timer(

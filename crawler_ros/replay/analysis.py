@@ -57,7 +57,7 @@ class Replay:
         slips: slips of the stations.
         energy: energy account of the whole run; None when the scene is not known.
         margins: margins of the whole run; None when the scene is not known.
-        standstill: the rest at the end of the run; None when the crawler moved to the end.
+        standstill: the rest at the end of the run; None when the crawler moved to the end, or contacts are not known.
         rests: the rests before it that last at least a cycle of the commands, without cycles a second.
         incidents: refused commands and late ticks; None when /diagnostics was not recorded.
         at_limits: how long each link with limits of tension was `slack` and `stalled` [s]; None without a simulation.

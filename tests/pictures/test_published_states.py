@@ -12,7 +12,7 @@ pytest.importorskip("rosbags")
 from PIL import Image
 
 from crawler_command.app import main
-from crawler_command.view import simulate_between
+from crawler_command.view import read_frames, simulate_between
 from crawler_model import Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_ros.replay.analysis import find_jumps
@@ -52,8 +52,10 @@ def test_the_motion_between_published_states_is_drawn(name, tmp_path):
     bag = record(tmp_path / "all", scene, 1)
     assert simulate_between(bag) is None
     _, recorded = frames_of_recording(bag)
-    found, again = simulate_between(publish_every(bag, tmp_path / "few", scene))
+    few = publish_every(bag, tmp_path / "few", scene)
+    found, again = simulate_between(few)
     assert found.name == name
+    assert len(list(read_frames(few, name, "/")[1])) == len(again)
     for one, other in zip(again, recorded, strict=True):
         assert one.time_ns == other.time_ns
         for part in ("row", "yields", "state"):

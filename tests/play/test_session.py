@@ -136,6 +136,11 @@ def test_a_saved_scene_of_small_strokes_is_as_accurate_as_the_session(name, tick
         session.step()
     run = simulate(write_scene(session))
     assert run.displacement[-1] == pytest.approx(session.crawler.displacement, abs=1e-12)
+    session.seek(0)
+    session.change({"mode": "hand"})
+    slider = next(iter(session.controls.controls))
+    session.change({"set": {slider: session.controls.values(session.settings, session.tick.base)[0] + 1e-5}})
+    assert write_scene(session).tolerance <= 0.5
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -176,8 +176,8 @@ def predict(
     Args:
         scene: the scene that was fitted, on a line, a path or a gallery name.
         posterior: what is known about its numbers, or the file of `crawler identify --json`, or its content.
-        drive: the drive: a scene that has it, the part `drive` of one, a file or a gallery name; None for that of the
-            scene.
+        drive: the drive: a scene that has it, the part `drive` of one, a file or a gallery name, whose lengths the
+            gain of the actuators multiplies if the posterior has one; None for that of the scene, as it is.
         periods: number of periods of the run, ten by default; only of a drive with a period.
         rate: samples of the positions per second [Hz]; None for 400 in all.
 
@@ -240,24 +240,23 @@ def predict(
         lows,
         highs,
         tuple(Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()),
-        _notes(posterior, names, best),
+        _notes(posterior, names, best, own_drive=drive is None),
         best.transient_left,
     )
 
 
 def _with_drive(scene: Scene, drive: Scene | Mapping[str, Any] | str | Path | None, gain: float) -> Scene:
-    """Let a scene play another drive, or its own, by actuators that multiply lengths by 1 + gain."""
-    played = scene
+    """Let a scene play another drive, whose lengths the actuators multiply by 1 + gain, or its own, as it is."""
+    if drive is None:
+        return scene
     if isinstance(drive, Scene):
         part = drive.document().get("drive")
         if part is None:
             raise SceneError(f"predict: {drive.name} has no drive; without one nothing moves")
-        played = _play(scene, part)
-    elif drive is not None:
-        played = _play(scene, drive if isinstance(drive, Mapping) else load_drive(drive))
-    if gain == 0.0 or played.parts.drive is None:
-        return played
-    return _play(played, scale_drive(played.document()["drive"], 1.0 + gain))
+    else:
+        part = drive if isinstance(drive, Mapping) else load_drive(drive)
+    played = _play(scene, part)
+    return played if gain == 0.0 else _play(played, scale_drive(played.document()["drive"], 1.0 + gain))
 
 
 def _play(scene: Scene, part: Mapping[str, Any]) -> Scene:
@@ -340,9 +339,14 @@ def _explain(scene: Scene, name: str, interval: Interval, far: bool) -> str:
     return f"{contact} slides {way} under this drive; " + known % "its friction"
 
 
-def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome) -> tuple[str, ...]:
+def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_drive: bool) -> tuple[str, ...]:
     """Collect what else limits a prediction."""
     notes = []
+    if own_drive and GAIN in posterior.names:
+        notes.append(
+            "the drive of the scene is taken to have the lengths that the actuators reach, as identify --out writes "
+            f"them; name a drive of commands, which the actuators multiply by {1.0 + posterior.gain:.4g}"
+        )
     values = {**dict(zip(posterior.names, posterior.values.tolist(), strict=True)), **posterior.held}
     for group in posterior.groups:
         members = [name for name in group if name in names and name in values]

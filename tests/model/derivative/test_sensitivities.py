@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Scene, SceneError, Sensitivities, load_scene, sensitivities, simulate, vary
+from crawler_model.derivative import parameters
 
 from ..motion.test_turning import build, wriggle
 from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_bent, draw_segment
@@ -52,6 +53,21 @@ def test_random_bent_crawlers_agree_with_differences(seed: int) -> None:
     document, keys = draw_bent(seed)
     found = sensitivities(Scene.model_validate(document), keys, DURATION, RATE)
     assert compare_columns(found, document) >= 5
+
+
+def test_each_number_has_the_derivative_of_the_side_on_which_it_does_not_jump(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first number jumps for larger values, the second one for smaller ones, the third for both."""
+    scene = Scene.model_validate(motor(2.0))
+
+    def arrays(value: float) -> np.ndarray:
+        jumps = value > 1.0, -(value < 1.0), np.sign(value - 1.0), 0.0
+        return np.array([2.0, 3.0, 4.0, 1.0]) * value + np.array(jumps, dtype=float)
+
+    monkeypatch.setattr(parameters, "Variations", lambda _, columns, shape: [next(iter(columns.values()))[0]])
+    monkeypatch.setattr(parameters, "_flat", lambda value: arrays(1.0 if value is scene else float(value)))
+    found, jumps = parameters._differentiate_alone(scene, "x", 1.0, ("x",), "test")
+    np.testing.assert_allclose(found, [2.0, 3.0, 0.0, 1.0], atol=1e-6)
+    assert jumps
 
 
 def test_a_start_that_jumps_on_both_sides_has_no_derivative_and_does_not_spoil_others() -> None:

@@ -259,6 +259,25 @@ def test_excite_excites_what_can_be_excited() -> None:
     assert again.summary() == known.summary()
 
 
+@pytest.mark.parametrize("keys", [["friction.forward"], ["start.displacement[0]", "friction.forward"]])
+def test_excite_ends_with_the_intervals_that_identify_finds(keys: list[str]) -> None:
+    """Lag, scale and offsets of the camera are unknown, too; for a start that is sought, the offsets are one number."""
+    document = chain(2)
+    document["start"] = {"displacement": [0.0, 0.0]}
+    found = excite(Scene.model_validate(document), keys, (-0.1, 0.1), noise=1e-3)
+    assert found.duration < 15.0
+    for k in range(2):
+        friction = found[f"friction.forward[{k}]"]
+        assert friction.interval[1] - friction.interval[0] < 0.22 * friction.value
+
+
+def test_excite_ends_where_no_more_than_ratios_can_be_known() -> None:
+    keys = ["friction.forward", "friction.backward", "body.links.stiffness"]
+    found = excite(Scene.model_validate(chain(2)), keys, (-0.1, 0.1), noise=5e-4, interval=0.05)
+    assert {p.verdict for p in found.parameters} <= {"ratio", "bound"}
+    assert found.duration < 15.0
+
+
 def test_outliers_count_less() -> None:
     document = mixed(seed=3)
     times, rows = walk(2, 6.0, 3)

@@ -172,8 +172,23 @@ def test_the_gain_of_the_actuators_moves_predictions_and_what_is_played_back(gai
     assert forecast.gain.low < truth < forecast.gain.high
     alone = predict(guess, dataclasses.replace(found.posterior, values=[*found.posterior.values[:3], 0.0]), PERIODIC)
     assert not alone.gain.low < truth < alone.gain.high
+    own = predict(found.playback(), again)
+    assert own.run_gain.value == pytest.approx(simulate(found.playback(), 6.0).net_translation[-1], abs=1e-9)
+    assert "the drive of the scene is taken to have the lengths that the actuators reach" in own.notes[0]
     played = simulate(found.playback(), 6.0, 50.0)
     np.testing.assert_allclose(np.diff(played.displacement), np.diff(measured[0].values) - 0.1, atol=1e-3)
+
+
+def test_gains_that_contradict_each_other_widen_the_posterior():
+    document, measured = chain(3), []
+    for k, factor in enumerate((1.02, 1.06)):
+        times, rows = walk(2, 6.0, k)
+        moved = measure(document, times, factor * rows, noise=1e-4, seed=k)
+        measured.append(dataclasses.replace(moved, commands=rows))
+    sensor = Sensor(scale=Prior(0.0, 0.0), gain=Prior(0.0, 0.05))
+    known = identify(Scene.model_validate(document), measured, ["friction.forward"], sensor=sensor).posterior
+    assert known.gain == pytest.approx(0.04, abs=5e-3)
+    assert 0.01 < np.sqrt(known.covariance[-1, -1]) < 0.04
 
 
 def test_the_gain_multiplies_all_lengths_of_a_drive():
