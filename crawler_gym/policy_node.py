@@ -240,7 +240,7 @@ def _spin(node: PolicyNode) -> None:
         if node.waits and time.monotonic() - reported > _REPORT_EVERY_S:
             reported = time.monotonic()
             node.wait()
-    node.destroy_node()
+    node.leave()
     if node.problem:
         raise CrawlerError(node.problem)
 

@@ -352,7 +352,7 @@ def _spin(node: GaitPlayer) -> None:
             else:
                 node.get_logger().warning(why)
     node.wait_for_receipt()
-    node.destroy_node()
+    node.leave()
     if node.problem:
         raise CrawlerError(node.problem)
 

@@ -355,7 +355,7 @@ class Simulator(QuietNode):
         if self.feed is not None:
             self.feed.close()
         self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}")
-        self.destroy_node()
+        self.leave()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -180,6 +180,26 @@ def test_controllers_refuse_wrong_parameters_in_one_line(name, given, said):
     assert said in line
 
 
+STUCK = """
+import time
+from crawler_ros.node.life import run
+from crawler_ros.node.life.quiet_node import QuietNode
+
+class Stuck(QuietNode):
+    def destroy_node(self):
+        time.sleep(1000.0)
+
+run._LEAVING_S = 0.5
+run.run_node("stuck", lambda: Stuck("stuck"), lambda node: node.leave(), [], "")
+"""
+
+
+def test_a_node_that_cannot_leave_the_graph_ends_all_the_same():
+    """Fast DDS waits for ever, now and then, where two nodes leave at the same moment."""
+    done = subprocess.run([sys.executable, "-c", STUCK], env=environment(), capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
 # -- what is left behind ----------------------------------------------------------------------------------------------
 
 SEGMENT = re.compile(r"fastrtps_[0-9a-f]{16}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import faulthandler
+import os
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -11,6 +13,7 @@ from rclpy.qos import qos_policy_name_from_kind
 from ..intake.refusals import Throttle
 
 _MOST_WARNED = 100
+_NOWHERE = open(os.devnull, "w")  # noqa: SIM115 (it stays open)
 
 
 class QuietNode(Node):
@@ -25,6 +28,7 @@ class QuietNode(Node):
         """
         self.throttle = Throttle(lambda text: self.get_logger().warning(text))
         self._warned: set[str] = set()
+        self.leaves_within_s: float | None = None  # set where the process ends with the node
         super().__init__(name, **options)
 
     def warn_once(self, text: str) -> None:
@@ -36,6 +40,16 @@ class QuietNode(Node):
         if text not in self._warned and len(self._warned) < _MOST_WARNED:
             self._warned.add(text)
             self.get_logger().warning(text)
+
+    def leave(self) -> None:
+        """Remove the node from the graph; where that does not end in time, end the process, with status 1.
+
+        If another node leaves at that moment, Fast DDS 2.14 may wait for ever, while it holds the interpreter's lock:
+        its participant waits for a callback, which waits for the participant.
+        """
+        if self.leaves_within_s is not None:
+            faulthandler.dump_traceback_later(self.leaves_within_s, exit=True, file=_NOWHERE)
+        self.destroy_node()
 
     def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
         """Create a publisher, as rclpy's Node does."""

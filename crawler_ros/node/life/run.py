@@ -17,6 +17,9 @@ from .leave import leave_at_once, open_closed_streams
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 
+_LEAVING_S = 30.0
+"""Time within which a node leaves the graph on a busy machine."""
+
 
 def stay_on_loopback() -> None:
     """Restrict ROS to 127.0.0.1 unless the environment specifies otherwise; call it before rclpy is initialised.
@@ -95,6 +98,7 @@ def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words
             if stray:
                 raise ValueError(f"unknown argument {stray[0]!r}; pass parameters as in --ros-args -p scene:=FILE")
             node = build()
+            node.leaves_within_s = _LEAVING_S
         except (ValueError, OSError, ParameterException) as error:
             print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
             return 1
