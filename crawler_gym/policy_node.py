@@ -25,7 +25,7 @@ from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import run_node
 from crawler_ros.node.life.stop import StopFlag, end_on_signals
 from crawler_ros.node.parameters import expand_home
-from crawler_ros.wire.messages import TrajectoryMessage, read_stamp
+from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage, read_stamp
 from crawler_ros.wire.states import contact_names, joint_state_names
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
@@ -177,7 +177,7 @@ class PolicyNode(QuietNode):
     def wait(self) -> None:
         """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
         if self._publisher.get_subscription_count():
-            self._publisher.publish(TrajectoryMessage([]).encode(0, [0], [np.zeros(0)]))
+            self._publisher.publish(NO_CHANGE)
         self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
 
     @property

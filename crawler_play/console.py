@@ -182,9 +182,14 @@ class Console(Robot):
         parts = np.abs(way) / (SLEW * min(seconds, 0.1) * self._ranges())
         self._send(goal if parts.max() <= 1.0 else self.row + way / parts.max())
 
+    @property
+    def _now_ns(self) -> int:
+        """Stamp of the last state; 0 before the first [ns]."""
+        return read_stamp(self._arrived["joint_states"]) if "joint_states" in self._arrived else 0
+
     def _hold_after_reset(self) -> None:
         """Hold when the time of the states goes back, and begin at the command with which the robot began anew."""
-        last, self._stamp = self._stamp, read_stamp(self._arrived["joint_states"]) if _STATES[0] in self._arrived else 0
+        last, self._stamp = self._stamp, self._now_ns
         if self._stamp >= last or self.row is None:
             return
         self.hold("the robot began anew")
@@ -243,7 +248,7 @@ class Console(Robot):
         return {
             "tick": 0,
             "ticks": 0,
-            "time": read_stamp(self._arrived["joint_states"]) / 1e9 if "joint_states" in self._arrived else 0.0,
+            "time": self._now_ns / 1e9,
             "playing": self.playing,
             "speed": self.speed,
             "words": self.view.tell(self.instant) if self._arrived else "no robot answers on joint_states yet",

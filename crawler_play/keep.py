@@ -16,6 +16,7 @@ from crawler_model.body.turning import SIDES
 from crawler_model.crawler.readout import Readout
 from crawler_model.run.account import tolerance_of
 from crawler_model.run.ticks import tick_end_ns
+from crawler_model.scene.parts import LARGEST_TOLERANCE
 
 from .session import Session, Tick
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 FILM_SECONDS = 10.0
 """Simulated time that a film shows: the last seconds of a session."""
 _FPS = 25.0
-_LARGEST_TOLERANCE = 0.5
-"""Of a scene [1]."""
 
 
 def write_scene(session: Session) -> Scene:
@@ -55,7 +54,7 @@ def write_scene(session: Session) -> Scene:
     try:
         found = Scene.model_validate(document)
         if allowed > 0.0:  # that of a scene is relative to its drive
-            document["tolerance"] = min(tolerance_of(scene) * allowed / _find_tolerance(found), _LARGEST_TOLERANCE)
+            document["tolerance"] = min(tolerance_of(scene) * allowed / _find_tolerance(found), LARGEST_TOLERANCE)
             found = Scene.model_validate(document)
     except SceneError as error:
         raise CommandError(f"save: {error}; a recording can hold it") from None

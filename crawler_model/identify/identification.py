@@ -9,7 +9,7 @@ import numpy as np
 
 from ..scene.scene import Scene
 from .fit.misfit import Misfit
-from .forecast.posterior import Posterior
+from .forecast.posterior import GAIN, Posterior
 from .judge.explain import Explanation
 from .judge.held_out import HeldOut
 from .judge.sensors import SensorNumber
@@ -77,7 +77,7 @@ class Identification:
             them if they have a gain.
         """
         measured = self.recordings[recording]
-        gains = [one.value for one in self.sensors if (one.name, one.recording) == ("gain", measured.name)]
+        gains = [one.value for one in self.sensors if (one.name, one.recording) == (GAIN, measured.name)]
         return playback(self.scene, measured, gains[0] if gains else 0.0)
 
     def __repr__(self) -> str:

@@ -19,6 +19,8 @@ from .friction_parts import (
 )
 from .link_parts import Bendable, JointsPart, Links, LinksPart, SegmentPart
 
+LARGEST_TOLERANCE = 0.5
+"""Largest tolerance of a body in the plane [1]."""
 LEAST_TOLERANCE = 1e-9
 """Least tolerance of a body in the plane [1]: rounding would exceed smaller ones."""
 
@@ -363,7 +365,7 @@ class SceneParts(Part):
             "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4; with "
             "`springs: length` 1e-5.",
             minimum=LEAST_TOLERANCE,
-            maximum=0.5,
+            maximum=LARGEST_TOLERANCE,
         ),
     ] = None
     start: Annotated[

@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message
 from crawler_model import CrawlerError, load_scene
 from crawler_model.body.drive import NS, Drive
 
-from ..wire.messages import TrajectoryMessage, encode_diagnostics, read_stamp
+from ..wire.messages import NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_profile, read_topics
 from .diagnostics import OK, WARN, Status
@@ -255,7 +255,7 @@ class GaitPlayer(QuietNode):
     def wake(self) -> None:
         """Ask a simulator in lock-step, which is silent until a command arrives, for one tick that changes nothing."""
         if self._publisher.get_subscription_count() > 0:
-            self._publisher.publish(TrajectoryMessage([]).encode(0, [0], [np.zeros(0)]))
+            self._publisher.publish(NO_CHANGE)
 
     def _report_progress(self) -> None:
         assert self._start_ns is not None

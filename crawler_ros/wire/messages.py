@@ -279,6 +279,10 @@ class TrajectoryMessage:
         return MessageLayout(bytes(buffer), stamp, times[0] - after, (points, size), (spacing, 8), times[0])
 
 
+NO_CHANGE = TrajectoryMessage([]).encode(0, [0], [np.zeros(0)])
+"""The trajectory that changes nothing: a simulator in lock-step, silent between commands, answers it with one tick."""
+
+
 def read_stamp(data: bytes) -> int:
     """Read the stamp of a message that begins with a std_msgs/Header, without decoding the rest.
 

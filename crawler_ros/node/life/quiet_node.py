@@ -13,7 +13,6 @@ from rclpy.qos import qos_policy_name_from_kind
 from ..intake.refusals import Throttle
 
 _MOST_WARNED = 100
-_NOWHERE = open(os.devnull, "w")  # noqa: SIM115 (it stays open)
 
 
 class QuietNode(Node):
@@ -48,7 +47,8 @@ class QuietNode(Node):
         its participant waits for a callback, which waits for the participant.
         """
         if self.leaves_within_s is not None:
-            faulthandler.dump_traceback_later(self.leaves_within_s, exit=True, file=_NOWHERE)
+            self._nowhere = open(os.devnull, "w")  # noqa: SIM115 (it stays open)
+            faulthandler.dump_traceback_later(self.leaves_within_s, exit=True, file=self._nowhere)
         self.destroy_node()
 
     def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
