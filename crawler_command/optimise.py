@@ -167,6 +167,10 @@ def optimise_command(
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
     _check_robust(robust, robust_to, robust_of, compromises)
+    if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
+        raise CrawlerError(
+            "--pareto: the curve is that of translation against cost of transport; use --for translation"
+        )
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,

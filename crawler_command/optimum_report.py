@@ -72,8 +72,8 @@ def describe_optimum(found: Optimum) -> list[str]:
     if found.robustness is not None:
         one = found.robustness
         lines.append(
-            f"on {one.verified} other bodies: mean {one.mean:.6g}{unit}, worst {one.worst:.6g}{unit}; with the "
-            f"best-fit values {one.best_fit:.6g}{unit}"
+            f"on {one.verified} other bodies: mean {_number(one.mean)}{unit}, worst {_number(one.worst)}{unit}; with "
+            f"the best-fit values {_number(one.best_fit)}{unit}"
         )
         lines += [
             f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
@@ -125,10 +125,11 @@ def describe_pace(found: Optimum) -> str:
 
 
 def _find_reversals(scene: Scene) -> tuple[float, list[int]]:
-    """Find the period of a gait [s], and how often each link reverses in it."""
-    drive = scene.drive
+    """Find the period of a gait [s], and how often each actuator reverses in it, a segment as its first element."""
+    drive, sizes = scene.drive, scene.columns.actuation_sizes
     rows = drive.actuation.reshape(drive.times.size, -1)
-    return drive.period or float(drive.times[-1]), [count_reversals(column) for column in rows.T]
+    first = np.arange(rows.shape[1]) if scene.dimension == 2 else np.cumsum(sizes) - sizes
+    return drive.period or float(drive.times[-1]), [count_reversals(column) for column in rows.T[first]]
 
 
 def count_reversals(values: np.ndarray) -> int:
@@ -157,6 +158,8 @@ def describe_weakness(key: str, below: float | None, above: float | None, moves:
     Returns:
         A clause.
     """
+    if below == above == 1.0:
+        return f"the gait never {moves}"
     edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]
     if not edges:
         return f"no change of {key} by a factor of up to 100 stops the gait"
@@ -177,7 +180,7 @@ def describe_front(found: Front) -> list[str]:
     for point in found.points:
         period, reversals = _find_reversals(point.scene)
         pace = f"{point.gain / period:.6g}  {max(reversals, default=0) / period:.3g}"
-        lines.append(f"  {point.gain:.6g}  {point.cost_of_transport:.6g}  {pace}")
+        lines.append(f"  {point.gain:.6g}  {_number(point.cost_of_transport)}  {pace}")
     ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
     lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
     return lines

@@ -13,10 +13,10 @@ from numba.core import event
 
 KINDS = (
     ("crawler_model.motion.plane.", "bodies in the plane", 100),
-    ("crawler_model.derivative.", "derivatives", 40),
+    ("crawler_model.derivative.", "derivatives", 80),
     ("crawler_model.", "bodies on a line", 150),
-    ("crawler_gym.", "environments", 30),
-    ("crawler_ros.", "commands of the node", 2),
+    ("crawler_gym.", "environments", 15),
+    ("crawler_ros.", "commands of the node", 45),
     ("crawler_bench.", "peers of the bench", 10),
 )
 """Beginning of a module, the kind of kernels in it, and about how many functions it takes: as many as are counted."""

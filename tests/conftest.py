@@ -73,7 +73,7 @@ BOTH, JUMPS = "bent springs on patches", "jumps in the plane"
 LAST = ("node", "environments", "batches")
 KERNELS = (
     (("line", "plane"), ("line",)),
-    (("springs", "patches", "long"), ("springs", "patches", "long", "plane")),
+    (("graphs", "springs", "patches", "long"), ("graphs", "springs", "patches", "long", "plane")),
     ((BOTH, "derivatives", JUMPS, *LAST), (BOTH, "derivatives", JUMPS, *LAST)),
 )
 """Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a

@@ -132,6 +132,8 @@ def plan_sweep(
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
     if column is not None and column not in PLOTTED:
         raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
+    if column in ("dx", "dy", "dyaw") and scene.body.turning is None:
+        raise CrawlerError(f"--plot: {column}: only bodies that turn have it, and {scene.name} does not")
     variations = vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
@@ -321,7 +323,8 @@ def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
             "dx": "forward motion in the last period",
         }
         name = next(name for name in words if name in about["best"])
-        lines.append(f"largest {words[name]}: {about['best'][name]:.6g} m at {at}")
+        along = " along x" if sweep.variations.base.dimension == 2 and name != "dx" else ""
+        lines.append(f"largest {words[name]}{along}: {about['best'][name]:.6g} m at {at}")
     if about["not_unique"]:
         lines.append(
             f"{about['not_unique']} of them are not unique: in some interval the translation was not determined"

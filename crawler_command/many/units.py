@@ -19,6 +19,15 @@ _UNITS = {
     "times": "s",
     "wavelength": "m",
     "contacts": "m",
+    "points": "m",
+    "radius": "m",
+    "from": "m",
+    "to": "m",
+    "at": "m",
+    "elongation": "m",
+    "longest": "m",
+    "shortest": "m",
+    "tolerance": "m",
     "displacement": "m",
     "actuation": "m",
     "amplitude": "m",
@@ -27,6 +36,7 @@ _UNITS = {
     "loads": "N",
     "weights": "N",
     "slope": "degrees",
+    "direction": "rad",
 }
 
 
@@ -53,11 +63,15 @@ def unit_of(scene: Scene, key: str) -> str:
     if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.turning is not None:
         return "m" if int(named[3]) < scene.body.springs else "rad"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
-    if steps[-1] in ("loads", "weights") and scene.body.segments:
-        alone = int(scene.body.isolated.size)
-        return "N, N/m" if not named[-1].isdecimal() else "N" if int(named[-1]) < alone else "N/m"
+    if "patches" in steps:
+        return "1" if unit == "N" else unit
+    if (steps[-1] in ("loads", "weights") or named[:2] == ["drive", "friction"]) and scene.body.segments:
+        alone, indices = int(scene.body.isolated.size), [int(step) for step in named if step.isdecimal()]
+        if alone and len(indices) <= steps.count("drive"):  # a whole row
+            return "N, N/m"
+        return "N" if indices and indices[-1] < alone else "N/m"
     if "segments" in steps:
-        return {"N": "N/m", "N/m": "N"}.get(unit, "m" if steps[-1] in ("from", "to") else unit)
+        return {"N": "N/m", "N/m": "N"}.get(unit, unit)
     if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":
         return "N, N/m" if scene.parts.body.segments else "N"
     return (

@@ -16,6 +16,7 @@ from ..body.body import Body
 from ..body.drive import NS
 from ..errors import CommandError, SceneError
 from ..notebook import write_html, write_numbers
+from ..run.screw import largest_distance
 from ..run.simulate import default_duration
 from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
@@ -28,8 +29,9 @@ _CHUNK = 4096
 _MOST_NUMBERS = 200_000_000
 _COARSER = 10.0
 """Factor for the tolerance of the path in the plane that the derivatives are compared with."""
-_NOTHING = 1e-12
-"""Derivatives of the displacement up to this size are 0 but for rounding [m per unit of the parameter]."""
+_NOTHING = 1e-6
+"""A derivative counts as none if it moves contacts by less than this part of their largest distance while the parameter
+changes by its own value, or by 1 where that is 0."""
 _MOST_SHOWN = 24
 """Parameters that a notebook shows."""
 
@@ -158,9 +160,15 @@ def sensitivities(
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
-    error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))[~fine.one_sided]
-    relative = error / np.maximum(size[~fine.one_sided], _NOTHING)
+    error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))
+    relative = (error / np.maximum(size, _find_smallest(scene, derivatives)))[~fine.one_sided]
     return dataclasses.replace(fine, tolerance=float(relative.max()) if relative.size else math.nan)
+
+
+def _find_smallest(scene: Scene, derivatives: Derivatives) -> np.ndarray:
+    """Find for each parameter the derivative to which an error is compared if its own is smaller, shape (P,)."""
+    values = np.abs(derivatives.values)
+    return _NOTHING * largest_distance(scene.body) / np.where(values > 0.0, values, 1.0)
 
 
 def _differentiate(

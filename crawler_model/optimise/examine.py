@@ -13,7 +13,7 @@ from ..errors import CrawlerError
 from ..run.cycle import limit_cycle
 from ..scene.scene import Scene
 from .followed import find_followed_peak, find_regime_of
-from .goal import Goal, measure
+from .goal import WORST, Goal, measure
 from .optimum import ActiveBound, Alternative, Optimum, Weakness
 from .polish import best_step
 from .regime import Regime, RegimeDerivatives, differentiate_regime
@@ -62,7 +62,9 @@ def finish(
     value = _worst_value(space, point)
     one_sided, kinks = _find_kinks(unknowns, values, goal)
     others = [
-        (score, other) for score, other in found.optima if not np.allclose(space.canonical(other), point, atol=1e-3)
+        (score, other)
+        for score, other in found.optima
+        if score > -WORST and not np.allclose(space.canonical(other), point, atol=1e-3)
     ]
     alternatives = (_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
     flat = tuple(name for name, is_flat in zip(unknowns.names, _find_flat(space, point), strict=True) if is_flat)

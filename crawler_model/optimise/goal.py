@@ -17,7 +17,8 @@ that turn also the turn per period, and the distance of the motion per period fr
 TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
 DEFAULT_PERIODS = 10
 """Periods that count on patches of ground, as many as `simulate` runs."""
-_WORST = 1e6
+WORST = 1e6
+"""A score below minus this is that of a gait beyond the limits, or of none."""
 _LEAST_GAIN = 1e-7
 """Least gain of a body that moves, relative to the travel of its actuators; tensions repeat to less than that."""
 
@@ -58,10 +59,10 @@ class Goal:
         """
         count = 1 if self.weights is None else 2
         if regime is None:
-            return [-1e6 * _WORST] * count
+            return [-1e6 * WORST] * count
         excess = self.excess(regime)
         if excess > 0.0:
-            return [-_WORST * (1.0 + excess)] * count
+            return [-WORST * (1.0 + excess)] * count
         if self.weights is None:
             value = -self.distance(regime) if self.target is not None else score(self.objective, regime)
             return [self.resolution * round(value / self.resolution) if self.resolution else value]

@@ -75,7 +75,8 @@ class Optimum:
         low: their lower bounds, shape (P,).
         high: their upper bounds, shape (P,).
         gain: gain per period [m].
-        cost_of_transport: work / (distance * force) [1]; NaN for a gait that does not travel.
+        cost_of_transport: work / (distance * force), the distance being the gain [1]; NaN for a gait that does not
+            travel.
         travel: sum of all changes of rest lengths in a period [m].
         peak_tension: largest tension in a period [N].
         transient_left: estimate of how far the gain is from that of the periodic regime [m]; NaN on patches.

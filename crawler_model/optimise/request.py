@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..body.names import name_joints
-from ..derivative.parameters import expand_keys, with_loads
+from ..derivative.parameters import changing_keys, expand_keys, with_loads
 from ..errors import LARGEST, SceneError
 from ..scene.scene import Scene
 from ..sweep.keys import find_path, key_steps, overlap
@@ -120,6 +120,10 @@ def _expand(scene: Scene, given: Mapping[str, Bounds]) -> tuple[tuple[str, ...],
         except SceneError as error:
             raise SceneError(str(error).replace("vary: ", "free: ").replace("; vary ", "; free ")) from None
         for name in names:
+            if not changing_keys(scene, name, find_path(scene, name)):
+                if len(names) > 1:
+                    continue
+                raise SceneError(f"free: {name}: the last row of the drive repeats the first one; free that one")
             if name in keys:
                 raise SceneError(f"free: {name} is named twice")
             keys.append(name)

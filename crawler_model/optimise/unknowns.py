@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import Drive
-from ..derivative.parameters import Derivatives, collect_pieces, differentiate_arrays, expand_keys
+from ..derivative.parameters import Derivatives, changing_keys, collect_pieces, differentiate_arrays, expand_keys
 from ..errors import SceneError
 from ..scene.assemble_start import relax_loaded
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
+from ..sweep.keys import find_path
 from ..sweep.stack import stack, stack_scenes
 from ..sweep.vary import Variations
 
@@ -149,7 +150,12 @@ class Unknowns:
     def _scene(self, numbers: np.ndarray) -> Scene:
         if not self.keys:
             return self.base
-        return Variations(self.base, {k: np.array([v]) for k, v in zip(self.keys, numbers, strict=True)}, (1,))[0]
+        return Variations(self.base, self._columns(numbers[None]), (1,))[0]
+
+    def _columns(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """List the keys that change with the numbers of candidates, shape (M, keys), and their values, shape (M,)."""
+        changing = [changing_keys(self.base, key, find_path(self.base, key)) for key in self.keys]
+        return {each: np.ascontiguousarray(numbers[:, i]) for i, keys in enumerate(changing) for each in keys}
 
     def cycle(self, values: np.ndarray) -> Cycle:
         """Build a candidate.
@@ -179,7 +185,7 @@ class Unknowns:
             SceneError: if numbers of the scene do not fit together, or change its mesh; then build them one by one.
         """
         count, first = values.shape[0], len(self.keys)
-        columns = {key: np.ascontiguousarray(values[:, i]) for i, key in enumerate(self.keys)}
+        columns = self._columns(values[:, :first])
         whole = stack(Variations(self.base, columns, (count,))) if columns else stack_scenes([self.base] * count)
         for reason in whole.reasons.values():
             raise SceneError(reason)

@@ -33,8 +33,13 @@ def default_duration(drive: Drive) -> float:
 
     Returns:
         Duration [s]; 0 for a scene without a drive.
+
+    Raises:
+        CommandError: if it is longer than any run.
     """
-    return float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
+    seconds = float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
+    check_duration(seconds)
+    return seconds
 
 
 def simulate(

@@ -25,7 +25,7 @@ from ..scene.scene import Scene
 from .batch import run_stack
 from .course import exact_blocks, most_ramps, waypoints_of
 from .results import ManyRuns, gather
-from .rows import INVALID, ROW, SCREW, Ledger, PeriodScrew, find_legs
+from .rows import INVALID, ROW, Ledger, PeriodScrew, find_legs
 from .stack import can_be_stacked, fingerprint, shares_mesh, stack, stack_scenes
 from .vary import Variations
 from .workers import Chunk, available_cores, run_chunks
@@ -212,9 +212,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
         kernel_s += time.perf_counter() - began
         lengths = targets[None, :, : scene.body.springs]
         ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths)
-    row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s)[0]
-    for name, value in zip(SCREW, screw.gain(), strict=True):
-        row[name] = value
+    row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s, screw.gain())[0]
     return row
 
 

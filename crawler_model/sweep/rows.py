@@ -18,6 +18,7 @@ LENGTHS = ("net_translation", "gained", "per_period", "settling")
 FORCES = ("work", "dissipation", "stored", "residual", "violation", "visited_margin")
 COMPARED = ("period_work", "period_dissipation", "cost_of_transport", "body_lengths")
 SCREW = ("dx", "dy", "dyaw")
+_NO_SCREW = np.full(len(SCREW), np.nan)
 COUNTS = ("events", "overspent", "unsolved", "periods")
 ROW = np.dtype(
     [("status", np.uint8), ("dimension", np.uint8), ("unique", np.bool_)]
@@ -102,13 +103,14 @@ class Ledger:
         if ends.size:
             self._marks = np.concatenate((self._marks, records[:, ends[-3:], :width]), axis=1)[:, -3:]
 
-    def rows(self, plan: Plan, length: np.ndarray, kernel_s: float) -> np.ndarray:
+    def rows(self, plan: Plan, length: np.ndarray, kernel_s: float, screw: np.ndarray = _NO_SCREW) -> np.ndarray:
         """Complete the accounts.
 
         Args:
             plan: the scene, or all variations.
             length: length of the body, shape (M,) [m].
             kernel_s: time spent in the kernels for each run [s].
+            screw: of bodies that turn, what `PeriodScrew` measured, shape (3,).
 
         Returns:
             Shape (M,), dtype ROW.
@@ -122,8 +124,8 @@ class Ledger:
         values |= {"work": total.work, "dissipation": total.dissipation, "stored": stored}
         values |= {"residual": account.relative_residual, "violation": total.violation, "visited_margin": total.visited}
         values |= {"events": total.events, "overspent": total.overspent, "unsolved": total.unsolved}
-        values |= dict.fromkeys(SCREW, np.nan)
-        values |= {"periods": self._periods} | self._compare(plan, length) | self._lengths()
+        values |= dict(zip(SCREW, screw, strict=True))
+        values |= {"periods": self._periods} | self._compare(plan, length, screw) | self._lengths()
         for name, value in values.items():
             column = rows[name]
             if column.ndim == 2 and plan.body.dimension == 1:
@@ -150,13 +152,15 @@ class Ledger:
         each = (moved[:, :, :width] + moved[:, :, width:]).reshape(count * kept, *self._x.shape[1:])
         return average_displacement(self._body, each).reshape(count, kept, *self._x.shape[2:])
 
-    def _compare(self, plan: Plan, length: np.ndarray) -> dict[str, np.ndarray]:
+    def _compare(self, plan: Plan, length: np.ndarray, screw: np.ndarray) -> dict[str, np.ndarray]:
         """Compute what a period cost, and the numbers that compare crawlers of different sizes, each of shape (M,)."""
         if not self._periods:
             return dict.fromkeys(COMPARED, np.full(length.shape, np.nan))
         work, lost = (self._spent[1] - self._spent[0]).T
         gained = self._gains()[:, -1]
         distance = np.linalg.norm(gained, axis=1) if gained.ndim == 2 else np.abs(gained)
+        if plan.body.turning is not None:  # contacts that go round a point go nowhere on the mean
+            distance = np.hypot(screw[:1], screw[1:2])
         half = self._last.shape[1] // 2
         size = np.abs(self._marks[:, :, :half]).max(axis=(1, 2))
         cost = cost_of_transport(supporting_force(plan), work, distance, np.maximum(size, length))
@@ -189,6 +193,6 @@ class PeriodScrew:
             dx, dy [m] and dyaw [rad], shape (3,); NaN without a period, and for bodies that do not turn.
         """
         if len(self._places) < 2:
-            return np.full(3, np.nan)
+            return _NO_SCREW
         (x, yaw), (end, turned) = self._places
         return gain_in_frame(self._crawler.body, x[None], (end - x)[None], np.array([turned - yaw]))[0]

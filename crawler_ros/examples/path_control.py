@@ -23,6 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NS = 10**9
@@ -54,6 +55,7 @@ class PathControl(Node):
         self.done = Future()
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.create_subscription(PoseStamped, "pose", self.on_pose, 10)
+        self.create_subscription(JointState, "joint_states", self.on_joints, 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.refuse_unknown_parameters()
         if not self.waypoints or len(self.waypoints) % 2:
@@ -66,6 +68,12 @@ class PathControl(Node):
             0.5, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )  # does not depend on /clock
         self.control = self.follow_path()
+
+    def on_joints(self, message: JointState) -> None:
+        """End if the body has no such links: it would not move."""
+        for name in self.links:
+            if name not in message.name:
+                self.problem = f"{name!r} is no joint of this body; its joints are {', '.join(message.name)}"
 
     def on_pose(self, message: PoseStamped) -> None:
         """Read the pose and the simulated time."""

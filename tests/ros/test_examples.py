@@ -51,6 +51,22 @@ def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple
         return process.said
 
 
+@pytest.mark.parametrize(
+    ("controller", "parameter", "text"),
+    [
+        (SPEED, "joints:=arm.*", "joints: 'arm.*' matches none of contact_0/x, contact_0/y"),
+        (PATH, "right:=link_7", "'link_7' is no joint of this body; its joints are contact_0/x, contact_0/y"),
+    ],
+)
+def test_a_joint_that_the_body_does_not_have_ends_them_with_one_line(tmp_path, controller, parameter, text):
+    with graph(tmp_path) as ros:
+        ros.start("crawler_ros.node.simulator", "scene:=steering_inchworm", "lock_step:=true")
+        process = ros.start(controller, parameter)
+        wait_until(lambda: process.process.poll() is not None, what="the end of the controller")
+        assert process.process.returncode == 1
+        assert text in process.said.splitlines()[-1]
+
+
 def periods(said: str) -> np.ndarray:
     """Amplitude and distance of each period."""
     found = [m.groups() for m in PERIOD.finditer(said)]

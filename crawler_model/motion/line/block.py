@@ -308,18 +308,19 @@ def _find_mesh(contacts, springs, model, ramp, i):
 
 
 @inlined
-def find_block(contacts, springs, model, ramp, i):
+def find_block(contacts, springs, model, matrix, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
 
     Args:
         model: a `Model`, whose block is written.
+        matrix: its matrix.
 
     Returns:
         The number of rows.
     """
     ramp.block += 1
     ramp.path = ramp.guards = 0
-    if model.matrix.shape[0] == 0:
+    if matrix is None:
         return _find_stretch(contacts, springs, model, model.runs, ramp, i)
     count = _find_path(contacts, springs, model, ramp, i)
     if count == 0:

@@ -99,7 +99,7 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["other"] = body.ends.T[::-1].ravel()[order]
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
-    matrix = np.zeros((0, 0) if body.is_chain else (n, max(order_contacts(body)[1], 1)))
+    matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
     runs = build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 

@@ -45,9 +45,30 @@ def _touch_wall(contacts, springs, model, ramp, i):
 
 
 @inlined
+def _set_rates_of_mesh(contacts, springs, model, matrix, ramp, count):
+    """Advance the springs of a solved block that is no path to s, and give them the rates that were found."""
+    if matrix is None:
+        return
+    block, ends, s = model.block, model.ends, ramp.s
+    for j in range(count):
+        c = contacts[block[j].contact]
+        for k in range(c.first, c.last):
+            o = contacts[ends[k].other]
+            if o.mark == c.mark and ends[k].sign < 0.0:
+                continue  # its other end is in the block, too
+            spring = springs[ends[k].spring]
+            draw_spring(spring, model.curves, model.ground, ramp)
+            advance_spring(spring, model.curves, ramp, s)
+            stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
+            flow = spring.stiffness * (stretch - spring.d_length)
+            spring.rate = flow if ramp.stepping else ends[k].sign * ends[k].flow
+            spring.moved |= stretch != 0.0
+
+
+@inlined
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
-    block, ends, s = model.block, model.ends, ramp.s
+    block, s = model.block, ramp.s
     set_runs(springs, block, model.runs, ramp, count)
     for j in range(count + 1):
         e = block[j]
@@ -68,21 +89,8 @@ def _set_rates(contacts, springs, model, ramp, count):
             advance_spring(spring, model.curves, ramp, s)
             spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
             spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
-    if ramp.path > 0:
-        return
-    for j in range(count):
-        c = contacts[block[j].contact]
-        for k in range(c.first, c.last):
-            o = contacts[ends[k].other]
-            if o.mark == c.mark and ends[k].sign < 0.0:
-                continue  # its other end is in the block, too
-            spring = springs[ends[k].spring]
-            draw_spring(spring, model.curves, model.ground, ramp)
-            advance_spring(spring, model.curves, ramp, s)
-            stretch = ends[k].sign * ((o.v if o.mark == c.mark else 0.0) - c.v)
-            flow = spring.stiffness * (stretch - spring.d_length)
-            spring.rate = flow if ramp.stepping else ends[k].sign * ends[k].flow
-            spring.moved |= stretch != 0.0
+    if ramp.path == 0:
+        _set_rates_of_mesh(contacts, springs, model, model.matrix, ramp, count)
 
 
 @inlined
@@ -133,7 +141,7 @@ def _solve_around(contacts, springs, model, ramp, i):
     ramp.reach = 1
     while True:
         ramp.woken = 0
-        count = find_block(contacts, springs, model, ramp, i)
+        count = find_block(contacts, springs, model, model.matrix, ramp, i)
         if find_due(contacts, model.block, model.ground, ramp, count):
             return False
         if find_sides(contacts, springs, model, ramp, count):

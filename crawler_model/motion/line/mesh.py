@@ -14,9 +14,9 @@ from .path import limit_of
 
 
 @lean
-def _connect(contacts, springs, model, count):
+def _connect(contacts, springs, model, matrix, count):
     """Enter the springs between sliding contacts in the matrix, and those to contacts at rest as conductances."""
-    block, ends, matrix = model.block, model.ends, model.matrix
+    block, ends = model.block, model.ends
     for r in range(count):
         e = block[r]
         e.reach = 0
@@ -119,10 +119,10 @@ def _find_flows(contacts, springs, model, ramp, count):
 
 
 @lean
-def _correct(contacts, springs, model, count):
+def _correct(contacts, springs, model, matrix, count):
     """Add the velocities and the rates that residual forces lead to."""
     block, ends = model.block, model.ends
-    _substitute(block, model.matrix, count)
+    _substitute(block, matrix, count)
     for r in range(count):
         e = block[r]
         c = contacts[e.contact]
@@ -134,21 +134,24 @@ def _correct(contacts, springs, model, count):
 
 
 @lean
-def solve_mesh(contacts, springs, model, ramp, count):
+def solve_mesh(contacts, springs, model, matrix, ramp, count):
     """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
 
     An implicit step is not corrected: it finds forces, not their rates, and flat springs are left out of those.
 
     Args:
         model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.
+        matrix: its matrix; chains have none, and no such block.
     """
+    if matrix is None:
+        return
     block, ends = model.block, model.ends
-    _connect(contacts, springs, model, count)
-    _eliminate(block, model.matrix, count)
-    most = _substitute(block, model.matrix, count)
+    _connect(contacts, springs, model, matrix, count)
+    _eliminate(block, matrix, count)
+    most = _substitute(block, matrix, count)
     if not ramp.stepping:
         _find_flows(contacts, springs, model, ramp, count)
-        _correct(contacts, springs, model, count)
+        _correct(contacts, springs, model, matrix, count)
     for r in range(count):
         e = block[r]
         if e.side != 0:

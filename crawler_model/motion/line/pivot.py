@@ -189,7 +189,7 @@ def find_sides(contacts, springs, model, ramp, count):
         if ramp.path > 0:
             solve_path(block, count)
         else:
-            solve_mesh(contacts, springs, model, ramp, count)
+            solve_mesh(contacts, springs, model, model.matrix, ramp, count)
         if wake_turning(contacts, springs, block, model.runs, ramp, count):
             return False
         if resting == 1:

@@ -360,9 +360,9 @@ class Model(NamedTuple):
     """END, two of each spring, those of a contact together, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
-    matrix: np.ndarray
-    """Conductances between sliding contacts, memory, a row for each, shape (N, width); no rows for chains, all of whose
-    blocks are paths."""
+    matrix: Any
+    """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
+    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing of chains alone."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

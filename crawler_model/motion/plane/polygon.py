@@ -30,7 +30,7 @@ def corner_of(frame, command, at, k):
         Its two coordinates [N].
     """
     m = frame.directions.shape[0]
-    after = (k + 1) % m
+    after = k + 1 if k + 1 < m else 0
     a0, a1 = frame.directions[k]
     b0, b1 = frame.directions[after]
     across = a0 * b1 - a1 * b0
@@ -116,30 +116,25 @@ def nearest_face(frame, command, at, z0, z1, close):
     p1 = z1
     if gap_in(frame, command, at, z0, z1) >= -close:
         return face, p0, p1
+    before0, before1 = corner_of(frame, command, at, m - 1)
     for k in range(m):
         d0, d1 = frame.directions[k]
-        before0, before1 = corner_of(frame, command, at, (k - 1) % m)
         after0, after1 = corner_of(frame, command, at, k)
         beyond = -(command[at + k] - z0 * d0 - z1 * d1)  # rounded as in gap_in: a force is inside or beyond an edge
-        if (z1 - before1) * d0 - (z0 - before0) * d1 > 0.0 > (z1 - after1) * d0 - (z0 - after0) * d1:
-            if beyond > 0.0 and beyond * beyond < best:
-                best = beyond * beyond
-                face = k
-                p0 = z0 - beyond * d0
-                p1 = z1 - beyond * d1
-            continue
+        beside = (z1 - before1) * d0 - (z0 - before0) * d1 > 0.0 > (z1 - after1) * d0 - (z0 - after0) * d1
+        if beside and beyond > 0.0 and beyond * beyond <= best:
+            best = beyond * beyond
+            face = k
+            p0 = z0 - beyond * d0
+            p1 = z1 - beyond * d1
         far = (z0 - after0) ** 2 + (z1 - after1) ** 2
         if far < best:
             best = far
             face = m + k
             p0 = after0
             p1 = after1
-        far = (z0 - before0) ** 2 + (z1 - before1) ** 2
-        if far < best:
-            best = far
-            face = m + (k - 1) % m
-            p0 = before0
-            p1 = before1
+        before0 = after0
+        before1 = after1
     return face, p0, p1
 
 
