@@ -47,6 +47,9 @@ _COMMANDS = ("load_controller/commands", "friction_controller/commands", "actuat
 _RIVALS = (*_COMMANDS, "joint_trajectory", "actuation_controller/joint_trajectory")
 _LOOKS = 0.5
 """Time after which it looks again who else commands [s]."""
+_SILENCE = 0.5
+"""Time without a state after a command, after which nothing more is sent: a robot that does not move on would follow it
+all at once later [s]."""
 _RESTS = 1e-9
 """A contact below this speed holds [m/s]."""
 
@@ -76,6 +79,7 @@ class Console(Robot):
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
         self._closes = False  # whether lengths follow once more
+        self._unanswered: float | None = None  # since when the robot has been silent after a command [s]
         self._past: list[list[Any]] = []
         self._looked, self._rivals = -_LOOKS, list[str]()
         self._arrived: dict[str, bytes] = {}
@@ -95,7 +99,9 @@ class Console(Robot):
     def _receiver(self, name: str) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
             self._arrived[name] = data
-            self.received += name == _STATES[0]
+            if name == _STATES[0]:
+                self.received += 1
+                self._unanswered = None
 
         return receive
 
@@ -115,7 +121,10 @@ class Console(Robot):
         return np.array([message.position, message.velocity, message.effort])
 
     def _find_row(self) -> np.ndarray:
-        """Find the command in force, at which a ramp begins; friction and loads are those sent last, or the scene's."""
+        """Find the command in force, at which a ramp begins.
+
+        What the states do not reveal of it, friction and loads above all, is what was sent last, or that of the scene.
+        """
         row = self.scene.drive.rows[0] if self.row is None else self.row
         return find_command(self.scene, self._read("joint_states"), row)
 
@@ -128,7 +137,7 @@ class Console(Robot):
         if not self._arrived:
             raise CommandError("no robot answers on joint_states; start one, such as crawler-simulator")
         if self.held:
-            self.row = self._find_row()
+            self.row, self._unanswered = self._find_row(), None
             self.settings = replace(self.settings, hand=tuple(self.row.tolist()))
         if {"set", "mode", "wave"} & set(message):
             settings = self.controls.change(self.controls.take_over(self.settings, self._base), message)
@@ -157,6 +166,8 @@ class Console(Robot):
         """Send the next command of the ramp, and remember what the robot did."""
         for _ in _STATES:
             self._executor.spin_once(timeout_sec=0.0)
+        if self._unanswered is not None and time.monotonic() - self._unanswered > _SILENCE:
+            self.hold(f"the robot does not answer: no state for {_SILENCE:g} s")
         try:
             self.instant = self._measure()
         except CommandError as error:
@@ -222,6 +233,8 @@ class Console(Robot):
                 self._publishers[name].publish(Float64MultiArray(data=part.tolist()))
         self.row = row
         self.sent += 1
+        if self._unanswered is None:
+            self._unanswered = time.monotonic()
 
     def _measure(self) -> Instant:
         """Read the robot; margins are known on a line, where the commanded friction and loads decide."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +18,8 @@ from .lessons import Lesson, read_lessons
 from .robot import PAST, Robot
 from .session import Session
 from .view import Instant
+
+_LONGEST_NAME = 80
 
 
 class Simulated(Robot):
@@ -129,7 +132,8 @@ class Simulated(Robot):
         """Prepare a file about the session as it is now."""
         session = copy.copy(self.session)
         session.ticks, session.crawler = session.ticks[: session.now + 1], session.crawler.copy()
-        file = folder / f"{session.scene.name}_by_hand.{name.partition('.')[2]}"
+        stem = re.sub(r"[^\w.-]+", "_", session.scene.name)[:_LONGEST_NAME]  # a name may be any text
+        file = folder / f"{stem}_by_hand.{name.partition('.')[2]}"
 
         def write() -> Path:
             KEPT[name](session, file)

@@ -45,6 +45,8 @@ function receive(message) {
     if (hand && location.hash.startsWith("#state=")) {
       send({ restore: location.hash.slice(7) });
       history.replaceState(null, "", location.pathname + location.search);
+    } else if (location.hash.startsWith("#state=")) {
+      at("error").textContent = "this link replaces the session as soon as you take the hand";
     }
   } else if (message.link) copy(`${location.origin}/?token=${query.get("token")}#state=${message.link}`);
   else if (message.error) at("error").textContent = message.error;

@@ -41,7 +41,7 @@ class PathControl(Node):
         """Declare parameters and open topics."""
         super().__init__("path_control")
         # x and y of one waypoint after the other, in the frame of `pose`, whose origin is the start; m
-        self.waypoints = self.declare_parameter("waypoints", [5.0, 0.0, 9.0, 4.0, 9.0, 10.0]).value
+        self.waypoints = self.declare_parameter("waypoints", [5.0, 0.0, 9.0, 4.0, 9.0, 10.0]).value or []
         self.stroke = self.declare_parameter("stroke", 0.2, within(-1e3, 1e3)).value  # mean of both links, m
         self.limit = self.declare_parameter("limit", 0.2, within(0.0, 1e3)).value  # of the deviation from it, m
         self.kp = self.declare_parameter("kp", 0.5, within(0.0, 1e3)).value  # deviation by heading, m/rad

@@ -125,6 +125,7 @@ class GaitPlayer(QuietNode):
         self.ended_s: float | None = None
         """Wall-clock time at which the drive had been played to its end [s]."""
         self.now_ns = -1
+        self._interval_ns = 0  # between the last two states
         self.done = StopFlag()
 
     def _on_state(self, data: bytes) -> None:
@@ -138,6 +139,7 @@ class GaitPlayer(QuietNode):
         if now_ns < self.now_ns:  # the simulator was reset: start again
             self._start_ns, self._sent, self._reported, self.ended_s = None, 0, 0, None
             self._refused = None  # ticks are counted anew
+        self._interval_ns = now_ns - self.now_ns if self.now_ns >= 0 else 0
         self.now_ns = now_ns
         if self._publisher.get_subscription_count() == 0:
             return
@@ -266,8 +268,9 @@ class GaitPlayer(QuietNode):
             self.get_logger().info(f"period {done} of {self.periods}")
 
     def _choose_start(self) -> int:
-        """Choose a whole tenth of a second, far enough ahead that the first message arrives before it."""
-        return (self.now_ns // (NS // 10) + 3) * (NS // 10)
+        """Choose a whole tenth of a second, far enough ahead that the next state and the first message precede it."""
+        tenth = NS // 10
+        return (self.now_ns // tenth + max(3, 1 + 2 * self._interval_ns // tenth)) * tenth
 
     def _send_once(self) -> None:
         assert self._start_ns is not None

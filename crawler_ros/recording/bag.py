@@ -295,14 +295,16 @@ def recover(path: Path, folder: Path) -> int:
     bag = Bag({})
     for _ in read_blocks(path, bag):  # an attachment may follow the messages
         pass
-    writer = BagWriter(folder, {"recovered": {"from": path.name}})
+    existed = folder.exists()
     try:
+        writer = BagWriter(folder, {"recovered": {"from": path.name}})
         count = _copy(path, bag, writer)
         writer.close()
         if count == 0:
             raise BagError(f"{path}: no message can be read; nothing was recovered")
     except BaseException:  # a part of a recovery would pass for a recording
-        shutil.rmtree(folder, ignore_errors=True)
+        if not existed:
+            shutil.rmtree(folder, ignore_errors=True)
         raise
     return count
 

@@ -13,6 +13,9 @@ _AXES = ("/x", "/y")
 _ROUNDING = 1e-9
 """Lengths that differ by less than this part are equal [1], and so are those shorter than it [m]."""
 
+_NEAR = 1e-12
+"""A tension is also passed at a knot of a curve if it is passed this far before and behind it, as part of it [1]."""
+
 
 def _each_axis(names: list[str], body: Body) -> list[str]:
     return names if body.dimension == 1 else [name + axis for name in names for axis in _AXES]
@@ -66,19 +69,37 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
     Args:
         scene: the body and the columns of its commands.
         joints: positions, velocities and efforts of joint_states, shape (3, W).
-        row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest.
+        row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest, nor the lengths
+            of springs that are slack or stall and the strains of segments of several stiffnesses.
 
     Returns:
         The row, with the rest lengths that differ from it by more than rounding, shape (C,).
     """
-    body, count = scene.body, scene.columns.lengths
+    body, columns = scene.body, scene.columns
+    begin = body.dimension if body.turning is None else 3
+    count = columns.links if body.segments else columns.lengths
+    z, _, tension = joints[:, begin : begin + count]
+    stiffness = body.stiffness[body.link_springs] if body.segments else body.stiffnesses
+    found = z - tension / np.repeat(stiffness, count // max(stiffness.size, 1))
+    springs = body.link_springs.tolist()
+    for bend in body.bends:
+        if bend.spring in springs:
+            i = springs.index(bend.spring)
+            alone = float(tension[i] - bend.passive(z[i]))
+            both = [bend.actuator.reach(alone + side * _NEAR * max(abs(alone), 1.0)) for side in (-1.0, 1.0)]
+            found[i] = z[i] - 0.5 * sum(both[0] + both[1]) if all(both) else row[i]
+    bent = {bend.spring for bend in body.bends}
+    for k, segment in enumerate(body.segments):
+        stiffness, size = body.stiffness[segment.springs], int(columns.actuation_sizes[count + k])
+        z_all, _, mean = joints[:, begin + count + k]
+        linear = bent.isdisjoint(range(body.springs)[segment.springs]) and np.ptp(stiffness) <= _ROUNDING * stiffness[0]
+        strain = (z_all - stiffness.size * mean / stiffness[0]) / segment.length
+        same = row[found.size : found.size + size]
+        found = np.concatenate((found, np.full(size, strain) if linear else same))
+        z = np.concatenate((z, np.full(size, z_all)))
     row = row.copy()
-    if not body.segments and not body.bends:
-        begin = body.dimension if body.turning is None else 3
-        z, _, tension = joints[:, begin : begin + count]
-        found = z - tension / np.repeat(body.stiffnesses, count // body.stiffnesses.size)
-        moved = np.abs(found - row[:count]) > _ROUNDING * (np.abs(z) + np.abs(row[:count]) + _ROUNDING)
-        row[:count][moved] = found[moved]
+    moved = np.abs(found - row[: found.size]) > _ROUNDING * (np.abs(z) + np.abs(row[: found.size]) + _ROUNDING)
+    row[: found.size][moved] = found[moved]
     return row
 
 

@@ -179,6 +179,14 @@ def test_reloading_keeps_the_hand_and_the_past(play):
         wait_until(lambda: page.evaluate("window.drawn > 1 && past.length == 3 && hand"), "the same page")
 
 
+def test_a_link_that_waits_for_the_hand_is_announced(play):
+    with served(Simulated(load_scene("two_contacts_anisotropic"))) as server:
+        first, other = play(server), play(server)
+        other.evaluate("history.replaceState(null, '', location.pathname + location.search + '#state=x')")
+        first.keyboard.press(".")
+        other.locator("#error", has_text="this link replaces the session as soon as you take the hand").wait_for()
+
+
 def test_nothing_comes_from_elsewhere_and_no_other_page_can_move_it(play, browser):
     with served(Simulated(load_scene("two_anchor_a"))) as server:
         page = play(server)

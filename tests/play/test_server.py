@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ pytest.importorskip("aiohttp")
 
 import aiohttp
 
-from crawler_model import CrawlerError, load_scene
+from crawler_model import CrawlerError, Scene, load_scene
 from crawler_play.server import Server
 from crawler_play.simulated import Simulated
 
@@ -225,6 +226,17 @@ def test_what_is_kept_is_sent_as_a_file():
             assert answer.status == 404
 
     serve(work)
+
+
+@pytest.mark.parametrize("name", ["../up", "/tmp/victim", "stroke 1/2", 'a "b"', "x" * 260])
+def test_no_name_of_a_scene_leads_out_of_the_folder_of_what_is_kept(tmp_path, name):
+    robot = Simulated(Scene.model_validate(load_scene("two_contacts_anisotropic").document() | {"name": name}))
+    robot.receive({"step": 1})
+    for kind in ("scene.yaml", "recording.mcap"):
+        file = robot.keep(kind, tmp_path)()
+        assert file.parent == tmp_path
+        assert re.fullmatch(r"[\w.-]+_by_hand\.\w+", file.name)
+        assert file.stat().st_size > 0
 
 
 def test_words_tell_what_happens():

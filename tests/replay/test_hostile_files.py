@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, Message, Schema
 
 from crawler_ros.recording import bag, blocks
 from crawler_ros.recording.bag_writer import BagWriter
+from crawler_ros.recording.mcap_file import McapFile
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.wire.topics import read_topics
 
@@ -225,6 +226,14 @@ def test_a_recovery_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
             bag.recover(file, tmp_path / "again")
     assert not (tmp_path / "again").exists()
     assert bag.recover(file, tmp_path / "again") == 5
+    with monkeypatch.context() as patch:
+        patch.setattr(McapFile, "add_metadata", fill_the_disk)
+        with pytest.raises(OSError, match="No space left"):
+            bag.recover(file, tmp_path / "third")
+    assert not (tmp_path / "third").exists()
+    with pytest.raises(FileExistsError):
+        bag.recover(file, tmp_path / "again")
+    assert (tmp_path / "again").exists()
     (tmp_path / "bare.mcap").write_bytes(mcap(*described()))
     with pytest.raises(bag.BagError, match="no message can be read"):
         bag.recover(tmp_path / "bare.mcap", tmp_path / "bare")

@@ -102,6 +102,46 @@ def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
         assert again == sorted(again)
 
 
+def test_it_holds_when_the_robot_does_not_answer(tmp_path):
+    async def work(page: Any) -> None:
+        await next_frame(page, shows("1 listener"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
+        await page.send_json({"set": {"link_0": 0.3}})
+        await next_frame(page, shows("holds: the robot does not answer"))
+        assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=False).success
+        await command(page, {"link_0": 0.2}, lambda _: lengths()[-1:] == [0.2])
+
+    def lengths() -> list[float]:
+        return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
+        talk(start(ros), work)
+        assert 0.0 < max(lengths()) < 0.3  # what was sent before it held
+
+
+def test_the_first_ramp_begins_at_the_command_in_force(tmp_path):
+    columns = load_scene("silicone_chain").columns
+    friction, held = list(columns.names).index("contact_0/forward"), 0.02
+
+    async def work(page: Any) -> None:
+        await next_frame(page, lambda _: rows() and rows()[-1][0] == held)
+        await next_frame(page, shows("1 listener"))
+        await command(page, {"contact_0/forward": 0.4}, lambda _: rows()[-1][friction] == 0.4)
+
+    def rows() -> list[Any]:
+        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+    with graph(tmp_path) as ros:
+        ros.simulator("scene:=silicone_chain", hear=("joint_states", "applied_commands"))
+        address = start(ros, "silicone_chain")
+        ros.publish("actuation_controller/commands", Float64MultiArray(data=[held] * 3))
+        talk(address, work)
+        first = next(i for i, row in enumerate(rows()) if row[0] == held)
+        assert [row[0] for row in rows()[first:]] == pytest.approx([held] * (len(rows()) - first), abs=1e-9)
+
+
 def test_without_a_robot_and_with_another_one_nothing_is_sent(tmp_path):
     async def alone(page: Any) -> None:
         await next_frame(page, shows("0 listeners; 0 states"))

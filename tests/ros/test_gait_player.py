@@ -67,6 +67,13 @@ def test_friction_by_directions_is_played(ros, scene, tmp_path):
     assert "period 2 of 2" in playing.said
 
 
+def test_states_that_are_sparse_in_simulated_time_alone_are_enough(ros):
+    ros.start("crawler_ros.node.simulator", "publish.every:=50", "real_time_factor:=2.0")
+    playing = player(ros, "periods:=1", "patience:=20.0")
+    assert playing.process.wait(200) == 0, playing.said
+    assert "period 1 of 1" in playing.said
+
+
 def test_no_more_periods_are_counted_than_were_asked_for(ros):
     """As fast as it can, simulated time passes by whole periods between two states that the player reads."""
     ros.simulator("scene:=two_anchor_a", "real_time_factor:=0.0")

@@ -173,6 +173,8 @@ def test_a_body_that_turns_reaches_a_motion(scene, capsys):
         (["screw", "--target", "1,2"], "--target 1,2: write DX,DY,DYAW"),
         (["turn", "--target", "0,0,1"], "the objective 'screw' needs dx, dy, dyaw per period, others none"),
         (["travel"], "must be one of translation, cost-of-transport, turn, screw"),
+        (["turn", "--pareto"], "--pareto: the curve is that of translation against cost of transport"),
+        (["translation", "--pareto", "--target", "0,0,1"], "--pareto: the curve is that of translation"),
         (["turn", "--fastest", "1"], "rate: not available for scissors, which turns"),
     ],
 )
@@ -216,6 +218,14 @@ def test_a_gait_that_reverses_often_has_its_gain_per_reversal_beside_it(scene, c
     assert "gain 0.03 m/s" in out
     assert "a link reverses up to 1 times a second\n" in out
     assert err == ""
+
+
+def test_a_segment_counts_as_one_actuator(scene, capsys):
+    _, out, _ = run(
+        capsys, "optimise", "continuous_segment", "--for", "translation", "--waypoints", "2", "--seconds", "1"
+    )
+    gain = float(out.split("gain per period ")[1].split()[0])
+    assert f"{gain / 2.0:.4g} m per reversal" in out
 
 
 def test_strokes_in_millimetres_are_asked_about(scene, capsys):

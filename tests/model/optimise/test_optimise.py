@@ -151,6 +151,27 @@ def test_a_rate_limits_the_stroke():
     assert "rate" in [bound.name for bound in found.active_bounds]
 
 
+def test_optima_beside_the_best_one_keep_the_limits():
+    bounds = {"drive.actuation": (-0.2, 0.25)}
+    found = optimise(load_scene("two_contacts_anisotropic"), free=bounds, rate=0.3, seconds=3.0)
+    assert found.value == pytest.approx(0.13, abs=1e-9)
+    assert all(other.value <= found.value + 1e-9 for other in found.alternatives)
+
+
+def test_the_row_that_closes_a_drive_changes_with_the_first_one():
+    """A stroke of 0.3 m gains 0.3 - mu/k; the first row alone cannot change, as the last one repeats it."""
+    scene = load_scene("two_contacts_anisotropic")
+    found = optimise(scene, free={"drive.actuation[0][0]": (-0.2, 0.0)}, seconds=3.0)
+    assert found.value == pytest.approx(0.28, abs=1e-12)
+    assert found.scene.drive.rows[[0, -1], 0].tolist() == [-0.2, -0.2]
+    assert optimise(scene, free={"drive.actuation": (-0.2, 0.1)}, seconds=3.0).names == (
+        "drive.actuation[0][0]",
+        "drive.actuation[1][0]",
+    )
+    with pytest.raises(CrawlerError, match="the last row of the drive repeats the first one; free that one"):
+        optimise(scene, free={"drive.actuation[2][0]": (-0.2, 0.0)})
+
+
 def test_a_tension_below_friction_keeps_the_body_where_it_is():
     held = optimise(chain(2), waypoints=2, stroke=(0.0, 0.1), tension=0.9 * FORWARD)
     assert held.gain == 0.0

@@ -26,6 +26,7 @@ from crawler_model import (
     vary,
 )
 from crawler_model.run.account import average_displacement
+from crawler_model.run.transport import supporting_force
 from crawler_model.sweep import batch, workers
 from crawler_model.sweep.many import Settings, run_chunk
 from tests.scenes import NOT_TURNING
@@ -584,6 +585,19 @@ def test_in_the_plane_the_distance_counts_and_the_mean_friction_of_all_direction
     force = runs.period_work[0] / (runs.cost_of_transport[0] * distance)
     assert force == pytest.approx(one.drive.targets[0, 2 * one.body.springs :].sum(), rel=1e-12)
     assert runs.body_lengths[0] == pytest.approx(distance / np.linalg.norm(np.ptp(one.body.position, axis=0)))
+
+
+def test_the_distance_of_a_body_that_turns_is_that_of_its_frame():
+    runs = simulate_many([load_scene("tripedal_star")], duration=3.0)
+    dx, dy, dyaw = simulate(load_scene("tripedal_star"), duration=3.0).per_period[-1]
+    assert (runs.dx[0], runs.dy[0], runs.dyaw[0]) == pytest.approx((dx, dy, dyaw), abs=1e-4)
+    force = runs.period_work[0] / (runs.cost_of_transport[0] * np.hypot(runs.dx[0], runs.dy[0]))
+    assert force == pytest.approx(supporting_force(load_scene("tripedal_star")), rel=1e-9)
+
+
+def test_a_period_that_no_run_reaches_is_one_line():
+    with pytest.raises(CommandError, match=r"duration: 1e\+13 s; it must be between 0 and 9e9"):
+        simulate_many(vary(load_scene("two_contacts_anisotropic"), {"drive.period": [1.0, 1e12]}))
 
 
 # Batches, rows and tables
