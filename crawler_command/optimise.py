@@ -166,11 +166,7 @@ def optimise_command(
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
-    _check_robust(robust, robust_to, robust_of, compromises)
-    if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
-        raise CrawlerError(
-            "--pareto: the curve is that of translation against cost of transport; use --for translation"
-        )
+    _check_combinations(robust, robust_to, robust_of, compromises, (objective, target))
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
@@ -275,7 +271,14 @@ def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
                 draw_optimum(found, {name: unit_of(found.scene, name) for name in found.names}, part)
 
 
-def _check_robust(robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool) -> None:
+def _check_combinations(
+    robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool, aim: tuple[Objective, str | None]
+) -> None:
+    objective, target = aim
+    if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
+        raise CrawlerError(
+            "--pareto: the curve is that of translation against cost of transport; use --for translation"
+        )
     if fit is None and over is not None:
         raise CrawlerError(f"--robust-of {over.value}: it needs --robust-to FIT.json")
     for option, given in (("--robust", robust), ("--pareto", compromises)):
