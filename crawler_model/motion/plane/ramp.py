@@ -46,6 +46,8 @@ _BEYOND = 0.3 * AT_ONCE
 """A part ends where a point that starts has moved by this part of the tolerance."""
 _SHORT_OF = 0.95
 """A part is shortened at least by this factor where a point stops inside, or starts unseen."""
+_FAR_STOP = 0.9
+"""A stop behind this part of a part of the ramp is far: its estimate is rather too long."""
 _FAR_BEYOND = 1.5
 """A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
 _SPENT, _AT_ONCE = 0.02, 0.125
@@ -271,7 +273,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             aim = find_end(frame, place, length, error, longer, growth + (1.0 - growth) * beyond / error, beyond)
             longer = length, error
         elif outcome == STOP:
-            stops += 1
+            stops = stops + 1 if growth > _FAR_STOP else 1
             aim = min(growth, _SHORT_OF) ** stops * length  # the first estimates of a far stop are too long
             aim = snap(frame, place, aim, (1.0 - _SHORT_OF) * length)
         elif outcome == CROSS:
