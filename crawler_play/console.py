@@ -47,7 +47,7 @@ _COMMANDS = ("load_controller/commands", "friction_controller/commands", "actuat
 _RIVALS = (*_COMMANDS, "joint_trajectory", "actuation_controller/joint_trajectory")
 _LOOKS = 0.5
 """Time after which it looks again who else commands [s]."""
-_SILENCE = 0.5
+_SILENCE = 1.0
 """Time without a state after a command, after which nothing more is sent: a robot that does not move on would follow it
 all at once later [s]."""
 _RESTS = 1e-9

@@ -45,6 +45,7 @@ function receive(message) {
     if (hand && location.hash.startsWith("#state=")) {
       send({ restore: location.hash.slice(7) });
       history.replaceState(null, "", location.pathname + location.search);
+      at("error").textContent = "";
     } else if (location.hash.startsWith("#state=")) {
       at("error").textContent = "this link replaces the session as soon as you take the hand";
     }
