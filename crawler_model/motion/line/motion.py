@@ -197,21 +197,31 @@ class LineMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        ramps, memory = scratch
+        ramps, parts = scratch
         ramps["budget"], ramps["exact"] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
-        if self.track is not None:
-            return self._follow_on_ground(state, scratch, targets, account, records)
-        if pieces is not NO_PIECES:
-            memory = (*memory[:4], pieces, None, None, memory[7])
-        kept = (state.copy(), account.copy()) if self.body.has_flat_springs else None
-        runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
-        if kept and runaway:
-            message = self._describe_runaway(state, scratch, int(runaway))
+        memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, None, parts[7])
+        track, room = self.track, 0
+        kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
+        while True:
+            if track is not None:
+                room = room or self.body.contacts + 16
+                jumps = zeros(room, JUMP)
+                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise
+                memory = (*parts[:5], ground, None, parts[7])
+            runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
+            if kept is None or (track is None and not runaway):
+                return ()
+            count = int(ramps["jumps"][0])
+            if not runaway and count <= room:
+                rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
+                return tuple(Jump(*row) for row in rows.tolist())
+            error = CommandError(self._describe_runaway(state, scratch, int(runaway))) if runaway else None
             state.restore(kept[0])
             account[:] = kept[1]
-            raise CommandError(message)
-        return ()
+            if error is not None:
+                raise error
+            room = count  # all jumps find room next time
 
     def follow_many(
         self,
@@ -243,40 +253,6 @@ class LineMotion:
         output = (accounts, spent, records)
         targets = np.ascontiguousarray(targets)
         many.follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
-
-    def _follow_on_ground(
-        self,
-        state: LineState,
-        scratch: Scratch,
-        targets: np.ndarray,
-        account: np.ndarray,
-        records: np.ndarray,
-    ) -> tuple[Jump, ...]:
-        """Follow ramps on patches of ground; they are followed once more if there was no room for all jumps."""
-        track = self.track
-        assert track is not None
-        assert state.feet is not None
-        stretches = track.borders, track.grip, track.pressed, track.rise
-        ramps, parts = scratch
-        kept, spent, room = state.copy(), account.copy(), self.body.contacts + 16
-        try:
-            while True:
-                jumps = zeros(room, JUMP)
-                memory = (*parts[:5], (state.feet, jumps, *stretches), None, parts[7])
-                runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
-                if runaway:
-                    raise CommandError(self._describe_runaway(state, scratch, int(runaway)))
-                count = int(ramps["jumps"][0])
-                if count <= room:
-                    rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
-                    return tuple(Jump(*row) for row in rows.tolist())
-                room = count
-                state.restore(kept)
-                account[:] = spent
-        except BaseException:
-            state.restore(kept)
-            account[:] = spent
-            raise
 
     def _describe_runaway(self, state: LineState, scratch: Scratch, direction: int) -> str:
         """Build the message about what nothing holds: a part of the body, or all of it on the ground it reaches."""
