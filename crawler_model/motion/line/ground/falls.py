@@ -28,18 +28,6 @@ _SLOWEST = 1e-4
 
 
 @lean
-def _is_due(c, ground, ramp, i):
-    """Determine whether a sliding contact is now at a border beyond which the ground holds less."""
-    if abs(c.v) <= SLIDES:
-        return False
-    coming = AHEAD if c.v > 0.0 else BEHIND
-    foot = ground.feet[i]
-    if foot.place % 2 == 1 or gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
-        return False
-    return compare(c, foot, ground, coming, ramp) < 0
-
-
-@lean
 def is_due(c, ground, ramp, i):
     """Determine whether a sliding contact is now at a border beyond which the ground holds less, and note it as `due`.
 
@@ -48,7 +36,13 @@ def is_due(c, ground, ramp, i):
     """
     if ground is None:
         return False
-    if not _is_due(c, ground, ramp, i):
+    if abs(c.v) <= SLIDES:
+        return False
+    coming = AHEAD if c.v > 0.0 else BEHIND
+    foot = ground.feet[i]
+    if foot.place % 2 == 1 or gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
+        return False
+    if compare(c, foot, ground, coming, ramp) >= 0:
         return False
     ramp.due = i + 1
     return True
@@ -154,7 +148,7 @@ def draw_spring(spring, curves, ground, ramp):
 def _let_fall(contacts, model, ground, ramp, i, count):
     """Put contact i onto its border if it falls there; returns how many contacts are listed."""
     c = contacts[i]
-    if not _is_due(c, ground, ramp, i):
+    if not is_due(c, ground, ramp, i):
         return count
     advance(c, ramp, place_of(c, ramp))
     c.coming = AHEAD if c.v > 0.0 else BEHIND
