@@ -85,48 +85,6 @@ def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
 
 
 @inner
-def _glance(frame, way, part, negligible, velocity, force):
-    """Measure the velocities over a part of a ramp; the other arguments, and what it returns, are `glance`'s."""
-    unique = True
-    x, command, target = way
-    n = x.shape[0]
-    now = np.empty(command.shape[0])
-    size = np.empty(n)
-    after = np.empty((n, 2))
-    pull(frame, command, x, force, size)
-    command_at(command, target, part, now)
-    moved = x.copy()
-    for i in range(n):
-        for c in range(2):
-            moved[i, c] += part * velocity[i, c]
-    solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
-    if not solved:
-        return np.inf, unique
-    if frame.vector:
-        unique = choose_translation(frame, now, x, moved, after)
-    first = np.inf
-    for i in range(n):
-        velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
-        velocity[i, 1] = (moved[i, 1] - x[i, 1]) / part
-        speed = math.hypot(velocity[i, 0], velocity[i, 1])
-        gap = gap_of(frame, command, x, i, force)
-        if frame.directions.shape[0] > 0 and gap < np.inf:
-            first = min(first, part * time_to_edge(frame, command, now, i, force, after))
-        elif gap < np.inf and speed == 0.0 and frame.vector:
-            at, _, mu = friction_of(frame, command, i)
-            f0, f1 = force[i]
-            rates = (after[i, 0] - f0) / mu, (after[i, 1] - f1) / mu, now[at] / mu - 1.0
-            first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates, np.inf))
-        elif gap < np.inf and speed == 0.0:
-            u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
-            v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
-            first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0, _INWARDS))
-        elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
-            first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
-    return first, unique
-
-
-@inner
 def glance(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
@@ -139,12 +97,46 @@ def glance(frame, way, negligible, velocity, force):
     Returns:
         The part of the ramp; infinite if none does, or no velocities were found; and whether the velocities are unique.
     """
+    x, command, target = way
+    n = x.shape[0]
+    now = np.empty(command.shape[0])
+    moved = np.empty((n, 2))
+    after = np.empty((n, 2))
+    pull(frame, command, x, force, np.empty(n))
     part = _TURNING_GLANCE if not frame.vector else (_GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE)
-    first, unique = _glance(frame, way, part, negligible, velocity, force)
-    while first < part and part > _LEAST_PART:
+    while True:
+        unique = True
+        command_at(command, target, part, now)
+        for i in range(n):
+            for c in range(2):
+                moved[i, c] = x[i, c] + part * velocity[i, c]
+        solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
+        if not solved:
+            return np.inf, unique
+        if frame.vector:
+            unique = choose_translation(frame, now, x, moved, after)
+        first = np.inf
+        for i in range(n):
+            velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
+            velocity[i, 1] = (moved[i, 1] - x[i, 1]) / part
+            speed = math.hypot(velocity[i, 0], velocity[i, 1])
+            gap = gap_of(frame, command, x, i, force)
+            if frame.directions.shape[0] > 0 and gap < np.inf:
+                first = min(first, part * time_to_edge(frame, command, now, i, force, after))
+            elif gap < np.inf and speed == 0.0 and frame.vector:
+                at, _, mu = friction_of(frame, command, i)
+                f0, f1 = force[i]
+                rates = (after[i, 0] - f0) / mu, (after[i, 1] - f1) / mu, now[at] / mu - 1.0
+                first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates, np.inf))
+            elif gap < np.inf and speed == 0.0:
+                u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
+                v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
+                first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0, _INWARDS))
+            elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
+                first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
+        if not first < part or part <= _LEAST_PART:
+            return first, unique
         part *= _SHORTER  # an event within changed the velocities
-        first, unique = _glance(frame, way, part, negligible, velocity, force)
-    return first, unique
 
 
 @inner
