@@ -66,40 +66,32 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
         The arrays.
     """
     turning, n = body.turning, body.contacts
-    if turning is None:
-        return _build_vector_frame(body, directions)
-    ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.array(turning.joints, np.int64).reshape(-1, 3)
     position = np.array(body.position, np.float64)
-    rest = measure_shape(position, ends, joints)
-    stiffness = np.concatenate((body.stiffness, turning.joint_stiffness)).astype(np.float64)
-    grip = np.zeros(n)
-    np.add.at(grip, ends, np.repeat(stiffness[: len(ends), None], 2, axis=1))
-    squared = (np.diff(position[joints], axis=1) ** 2).sum(axis=2)
-    for k, (a, b, c) in enumerate(joints):
-        own = turning.joint_stiffness[k] * (1.0 / squared[k])
-        grip[[a, b, c]] += own[0], own.sum(), own[1]
-    pairs = np.concatenate((ends, joints[:, :2], joints[:, 1:], joints[:, ::2]))
-    guide = np.array(turning.frame, np.int64)
-    pairs = np.concatenate((pairs, *(np.column_stack((np.arange(n), guide[:, k])) for k in range(2))))
-    offset, heading = np.array(turning.offset, np.float64), np.array(turning.heading, np.int64)
-    axes = guide, offset, turning.along_velocity
+    ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.zeros((0, 3), np.int64)
+    grip, compliance = np.zeros(n), 0.0
+    if turning is None:
+        stiffness = np.repeat(np.array(body.stiffness, np.float64), 2)
+        rest = np.zeros(stiffness.size)
+        np.add.at(grip, ends, stiffness.reshape(-1, 2))
+        guide, offset, along_velocity = np.repeat(np.arange(n)[:, None], 2, axis=1), np.zeros(n), False
+        pairs, heading, compliance = ends, np.zeros(2, np.int64), float((1.0 / body.stiffness).sum())
+    else:
+        joints = np.array(turning.joints, np.int64).reshape(-1, 3)
+        stiffness = np.concatenate((body.stiffness, turning.joint_stiffness)).astype(np.float64)
+        rest = measure_shape(position, ends, joints)
+        np.add.at(grip, ends, np.repeat(stiffness[: len(ends), None], 2, axis=1))
+        squared = (np.diff(position[joints], axis=1) ** 2).sum(axis=2)
+        for k, (a, b, c) in enumerate(joints):
+            own = turning.joint_stiffness[k] * (1.0 / squared[k])
+            grip[[a, b, c]] += own[0], own.sum(), own[1]
+        guide, offset = np.array(turning.frame, np.int64), np.array(turning.offset, np.float64)
+        along_velocity, heading = turning.along_velocity, np.array(turning.heading, np.int64)
+        guided = (np.column_stack((np.arange(n), guide[:, k])) for k in range(2))
+        pairs = np.concatenate((ends, joints[:, :2], joints[:, 1:], joints[:, ::2], *guided))
+    shape = position, ends, joints, stiffness, rest
+    axes = guide, offset, along_velocity
     ways = np.array(directions, np.float64).reshape(-1, 2)
-    return Frame(False, position, ends, joints, stiffness, rest, *axes, _order(pairs, n), grip, heading, ways, 0.0)
-
-
-def _build_vector_frame(body: Body, directions: np.ndarray) -> Frame:
-    n = body.contacts
-    ends = np.array(body.ends, np.int64).reshape(-1, 2)
-    stiffness = np.repeat(np.array(body.stiffness, np.float64), 2)
-    grip = np.zeros(n)
-    np.add.at(grip, ends, stiffness.reshape(-1, 2))
-    guide = np.repeat(np.arange(n)[:, None], 2, axis=1)
-    shape = np.zeros((0, 3), np.int64), stiffness, np.zeros(stiffness.size)
-    axes = guide, np.zeros(n), False
-    compliance = float((1.0 / body.stiffness).sum())
-    position, heading = np.array(body.position, np.float64), np.zeros(2, np.int64)
-    ways = np.array(directions, np.float64).reshape(-1, 2)
-    return Frame(True, position, ends, *shape, *axes, _order(ends, n), grip, heading, ways, compliance)
+    return Frame(turning is None, *shape, *axes, _order(pairs, n), grip, heading, ways, compliance)
 
 
 def _order(pairs: np.ndarray, n: int) -> np.ndarray:
