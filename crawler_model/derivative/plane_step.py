@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import inner, lean
-from ..motion.plane.elastic import pull, stretch_link, stretch_vector, turn_joint
+from ..motion.plane.elastic import pull, stretch, stretch_link, turn_joint
 from ..motion.plane.frame import columns_of, friction_of
 from ..motion.plane.friction import axis_of, linearise
 from ..motion.plane.polygon import corner_of, nearest_face
@@ -32,17 +32,6 @@ class Rates(NamedTuple):
     stiffness: np.ndarray
     rest: np.ndarray
     offset: np.ndarray
-
-
-@lean
-def _stretch(frame, command, x, spring, slope):
-    """Compute the tension of a link, of a component of a vector spring, or the torque of a joint."""
-    links = frame.ends.shape[0]
-    if frame.vector:
-        return stretch_vector(frame, command, x, spring // 2, spring % 2)
-    if spring < links:
-        return stretch_link(frame, command, x, spring)[0]
-    return turn_joint(frame, command, x, spring - links, slope)[0]
 
 
 @lean
@@ -94,7 +83,7 @@ def _force_rate(frame, rates, commands, x, p, force):
         stiffness = frame.stiffness[k]
         if rates.stiffness[k, p] == 0.0 and rates.rest[k, p] == 0.0 and d_command[k, p] == 0.0:
             continue
-        change = rates.stiffness[k, p] * (_stretch(frame, command, x, k, slope) / stiffness)
+        change = rates.stiffness[k, p] * (stretch(frame, command, x, k, slope)[0] / stiffness)
         change -= stiffness * (rates.rest[k, p] + d_command[k, p])
         if frame.vector or k < links:
             _add_force(frame, command, x, k, change, force)
@@ -225,7 +214,7 @@ def work_rate(frame, rates, before, after, x, place, work):
             if change == 0.0 and d_change == 0.0:
                 continue
             stiffness = frame.stiffness[k]
-            tension = _stretch(frame, before[0], x, k, slope)
+            tension, _ = stretch(frame, before[0], x, k, slope)
             lengthens = _stretch_rate(frame, before[0], x, k, rate, slope) - rates.rest[k, p] - before[1][k, p]
             middle = tension - 0.5 * stiffness * change
             d_middle = rates.stiffness[k, p] * (middle / stiffness) + stiffness * (lengthens - 0.5 * d_change)

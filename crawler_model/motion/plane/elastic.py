@@ -29,17 +29,6 @@ def stretch_link(frame, command, x, s):
 
 
 @lean
-def stretch_vector(frame, command, x, s, c):
-    """Compute a component of the tension of a vector spring.
-
-    Returns:
-        The component [N].
-    """
-    change = x[frame.ends[s, 1], c] - x[frame.ends[s, 0], c]
-    return frame.stiffness[2 * s + c] * (change - command[2 * s + c])
-
-
-@lean
 def turn_joint(frame, command, x, j, slope):
     """Compute the torque of a joint and the derivative of its angle.
 
@@ -68,6 +57,28 @@ def turn_joint(frame, command, x, j, slope):
     return frame.stiffness[k] * away, rest + away
 
 
+@lean
+def stretch(frame, command, x, k, slope):
+    """Compute the state of a link, of a component of a vector spring, or of a joint.
+
+    Args:
+        k: its place in `frame.stiffness`.
+        slope: output, of a joint, as in `turn_joint`, shape (6,) [rad/m].
+
+    Returns:
+        Its tension [N] or torque [N m], and its elongation [m] or change of angle [rad] since the reference shape.
+    """
+    links = frame.ends.shape[0]
+    if frame.vector:
+        elongation = x[frame.ends[k // 2, 1], k % 2] - x[frame.ends[k // 2, 0], k % 2]
+        return frame.stiffness[k] * (elongation - command[k]), elongation
+    if k < links:
+        tension, length, _, _ = stretch_link(frame, command, x, k)
+        return tension, length - frame.rest[k]
+    torque, angle = turn_joint(frame, command, x, k - links, slope)
+    return torque, angle - frame.rest[k]
+
+
 @compiled
 def pull(frame, command, x, force, size):
     """Compute the force that friction balances on each point: that of links, joints and loads.
@@ -81,11 +92,12 @@ def pull(frame, command, x, force, size):
         for c in range(2):
             force[i, c] = load_of(frame, command, i, c)
             size[i] += abs(force[i, c])
+    slope = np.empty(6)
     for s in range(frame.ends.shape[0]):
         a, b = frame.ends[s]
         if frame.vector:
             for c in range(2):
-                tension = stretch_vector(frame, command, x, s, c)
+                tension, _ = stretch(frame, command, x, 2 * s + c, slope)
                 force[a, c] += tension
                 force[b, c] -= tension
                 large = frame.stiffness[2 * s + c] * (abs(x[a, c]) + abs(x[b, c]) + abs(command[2 * s + c]))
@@ -99,7 +111,6 @@ def pull(frame, command, x, force, size):
         force[b, 1] -= tension * e1
         size[a] += frame.stiffness[s] * length
         size[b] += frame.stiffness[s] * length
-    slope = np.empty(6)
     for j in range(frame.joints.shape[0]):
         torque, angle = turn_joint(frame, command, x, j, slope)
         for k in range(3):
@@ -119,17 +130,9 @@ def energy_of(frame, command, x):
     """
     total = 0.0
     slope = np.empty(6)
-    for s in range(frame.ends.shape[0]):
-        if frame.vector:
-            for c in range(2):
-                tension = stretch_vector(frame, command, x, s, c)
-                total += 0.5 * tension * tension / frame.stiffness[2 * s + c]
-            continue
-        tension = stretch_link(frame, command, x, s)[0]
-        total += 0.5 * tension * tension / frame.stiffness[s]
-    for j in range(frame.joints.shape[0]):
-        torque = turn_joint(frame, command, x, j, slope)[0]
-        total += 0.5 * torque * torque / frame.stiffness[frame.ends.shape[0] + j]
+    for k in range(frame.stiffness.shape[0]):
+        tension, _ = stretch(frame, command, x, k, slope)
+        total += 0.5 * tension * tension / frame.stiffness[k]
     return total
 
 
@@ -194,17 +197,5 @@ def strain(frame, command, x, found):
             shape, shape (2, S + J); of vector springs both components, shape (2, 2 S).
     """
     slope = np.empty(6)
-    links = frame.ends.shape[0]
-    for s in range(links):
-        if frame.vector:
-            for c in range(2):
-                found[0, 2 * s + c] = stretch_vector(frame, command, x, s, c)
-                found[1, 2 * s + c] = x[frame.ends[s, 1], c] - x[frame.ends[s, 0], c]
-            continue
-        tension, length, _, _ = stretch_link(frame, command, x, s)
-        found[0, s] = tension
-        found[1, s] = length - frame.rest[s]
-    for j in range(frame.joints.shape[0]):
-        torque, angle = turn_joint(frame, command, x, j, slope)
-        found[0, links + j] = torque
-        found[1, links + j] = angle - frame.rest[links + j]
+    for k in range(frame.stiffness.shape[0]):
+        found[0, k], found[1, k] = stretch(frame, command, x, k, slope)

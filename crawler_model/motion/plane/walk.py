@@ -12,7 +12,7 @@ import numpy as np
 
 from ...compiled import inner, lean
 from ...rounding import EPS
-from .elastic import pull, stretch_link, stretch_vector, turn_joint
+from .elastic import pull, stretch
 from .equal_steps import extrapolate_number, farthest, find_stop
 from .frame import friction_of, load_of
 from .friction import gap_of, load_part, resistance
@@ -61,23 +61,11 @@ def work_of(frame, x, before, after, slope):
         Minus each tension and torque, in the middle of the change, times the change [J].
     """
     total = 0.0
-    links = frame.ends.shape[0]
-    for s in range(links):
-        if frame.vector:
-            for c in range(2):
-                change = after[2 * s + c] - before[2 * s + c]
-                if change != 0.0:
-                    tension = stretch_vector(frame, before, x, s, c)
-                    total -= (tension - 0.5 * frame.stiffness[2 * s + c] * change) * change
-            continue
-        change = after[s] - before[s]
+    for k in range(frame.stiffness.shape[0]):
+        change = after[k] - before[k]
         if change != 0.0:
-            total -= (stretch_link(frame, before, x, s)[0] - 0.5 * frame.stiffness[s] * change) * change
-    for j in range(frame.joints.shape[0]):
-        change = after[links + j] - before[links + j]
-        if change != 0.0:
-            torque = turn_joint(frame, before, x, j, slope)[0]
-            total -= (torque - 0.5 * frame.stiffness[links + j] * change) * change
+            tension, _ = stretch(frame, before, x, k, slope)
+            total -= (tension - 0.5 * frame.stiffness[k] * change) * change
     return total
 
 
