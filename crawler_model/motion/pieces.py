@@ -24,16 +24,8 @@ NO_PIECES = np.zeros((0, 0))
 """For those who do not ask."""
 
 
-def room_for_pieces(pieces: int, contacts: int) -> np.ndarray:
-    """Allocate the rows for the pieces of some ramps.
-
-    Args:
-        pieces: their number at most.
-        contacts: number of contacts N.
-
-    Returns:
-        Shape (pieces + 1, 3 + 2 N).
-    """
+def _room_for_pieces(pieces: int, contacts: int) -> np.ndarray:
+    """Allocate the rows for so many pieces at most, shape (pieces + 1, 3 + 2 N)."""
     return np.zeros((pieces + 1, HEADER + 2 * contacts))
 
 
@@ -57,7 +49,7 @@ def follow_pieces(
     before, spent = state.copy(), account.copy()
     room = PIECES_A_RAMP * targets.shape[0] + 64
     while True:
-        pieces = room_for_pieces(room, state.gained.size)
+        pieces = _room_for_pieces(room, state.gained.size)
         motion.follow(state, scratch, targets, True, budget, account, records, pieces)
         met = int(pieces[0, COUNT])
         if met <= room:
@@ -72,7 +64,7 @@ def begin_ramp(pieces, ramp):
     """Note which ramp the next pieces belong to.
 
     Args:
-        pieces: from `room_for_pieces`, or without rows.
+        pieces: with room for pieces, or without rows.
         ramp: its index.
     """
     if pieces.shape[0] > 0:

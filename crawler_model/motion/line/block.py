@@ -48,12 +48,8 @@ def list_contact(contacts, block, i, count):
 
 
 @inlined
-def is_wall(c, ramp):
-    """Determine whether a contact is strictly inside its bounds, and so rests whatever its neighbours do.
-
-    Returns:
-        True if it is; in an implicit step none is.
-    """
+def _is_wall(c, ramp):
+    """Determine whether a contact is strictly inside its bounds, and so rests; in an implicit step none is."""
     settle(c, ramp)
     return c.at == 0 and not ramp.stepping
 
@@ -148,7 +144,7 @@ def _find_path(contacts, springs, model, ramp, i):
     while k >= 0:  # to one end of the path
         o = contacts[ends[k].other]
         came = ends[k].spring
-        if is_wall(o, ramp):
+        if _is_wall(o, ramp):
             ramp.before = ends[k].other
             break
         if o.last - o.first > 2 or ends[k].other == i:
@@ -171,7 +167,7 @@ def _find_path(contacts, springs, model, ramp, i):
             break
         came, sign = ends[before].spring, ends[before].sign
         o = contacts[ends[before].other]
-        if is_wall(o, ramp):
+        if _is_wall(o, ramp):
             ramp.behind = ends[before].other
             break
         if o.last - o.first > 2 or o.mark == ramp.block:
@@ -198,13 +194,13 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
     n, first, last, left, right = contacts.shape[0], i, i, 0, 0
     curves = model.curves
     ramp.guards = 0
-    while first > 0 and not is_flat(springs[first - 1], curves) and not is_wall(contacts[first - 1], ramp):
+    while first > 0 and not is_flat(springs[first - 1], curves) and not _is_wall(contacts[first - 1], ramp):
         left += _both_rest(contacts, ramp, first, first - 1)
         if left > ramp.reach:
             ramp.guards |= BACKWARD
             break
         first = find_span(runs, ramp, first - 1)[0]
-    while last < n - 1 and not is_flat(springs[last], curves) and not is_wall(contacts[last + 1], ramp):
+    while last < n - 1 and not is_flat(springs[last], curves) and not _is_wall(contacts[last + 1], ramp):
         right += _both_rest(contacts, ramp, last, last + 1)
         if right > ramp.reach:
             ramp.guards |= FORWARD
@@ -295,7 +291,7 @@ def _find_mesh(contacts, springs, model, ramp, i):
             o = contacts[ends[k].other]
             if o.mark == ramp.block or is_flat(springs[ends[k].spring], model.curves):
                 continue
-            if is_wall(o, ramp):
+            if _is_wall(o, ramp):
                 ramp.anchored = 1
             else:
                 o.mark = ramp.block

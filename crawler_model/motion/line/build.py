@@ -59,15 +59,8 @@ def order_contacts(body: Body) -> tuple[np.ndarray, int]:
     return place, width
 
 
-def build_runs(contacts: int) -> np.ndarray:
-    """Build the tree of runs of a long chain, all awake.
-
-    Args:
-        contacts: number of contacts N.
-
-    Returns:
-        RUN, leaves first, then level by level, shape (R,).
-    """
+def _build_runs(contacts: int) -> np.ndarray:
+    """Build the tree of runs of a long chain, all awake: RUN, leaves first, then level by level, shape (R,)."""
     sizes = [-(-contacts // FAN)]
     while sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // FAN))
@@ -100,7 +93,7 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
     matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
-    runs = build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
+    runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 
 

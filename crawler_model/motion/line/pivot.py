@@ -93,16 +93,8 @@ def _center(block, count):
 
 
 @inlined
-def violation_of(e):
-    """Find how a contact violates its condition.
-
-    Args:
-        e: a BLOCK, with the rates that its side leads to.
-
-    Returns:
-        The side that it must have instead: 0 if it slides against its bound, 1 or -1 if it rests with a force beyond
-        the forward or the backward limit; its own if it violates nothing.
-    """
+def _side_of(e):
+    """Find the side that a contact must have: 0 if it slides against its bound, 1 or -1 if it rests beyond a limit."""
     if e.run >= 0:  # else it would have woken
         return e.side
     if e.side != 0:
@@ -118,7 +110,7 @@ def _exchange(block, count, last_only):
     """Count the contacts that violate their condition, and change the sides of all of them, or of the last one."""
     found, last, change = 0, -1, 0
     for j in range(count):
-        side = violation_of(block[j])
+        side = _side_of(block[j])
         if side != block[j].side:
             found += 1
             last, change = j, side

@@ -12,15 +12,8 @@ from .springs.bends import find_knot
 
 
 @inlined
-def find_arrival(c, springs, ends, ramp):
-    """Find when a contact reaches a bound that its force is not at.
-
-    Args:
-        c: a CONTACT at s; `coming` is written.
-
-    Returns:
-        The place on the ramp; infinite if it reaches none.
-    """
+def _find_arrival(c, springs, ends, ramp):
+    """Find when a contact at s reaches a bound that its force is not at, and which; infinite if it reaches none."""
     s, when, closing = ramp.s, np.inf, 0.0
     above = c.force_rate - c.d_forward
     below = -c.force_rate - c.d_backward
@@ -71,7 +64,7 @@ def find_next(contacts, springs, model, ramp, i):
     when = find_meeting(c, model.ground, i)
     if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
-        other = find_arrival(c, springs, model.ends, ramp)
+        other = _find_arrival(c, springs, model.ends, ramp)
         if other < when:
             when = other
         else:

@@ -37,17 +37,8 @@ and the body would go round for ever."""
 
 
 @inner
-def nudge(frame, command, x, moved, tie):
-    """Displace an unstable equilibrium along the motion in which the energy decreases most.
-
-    Args:
-        tie: output: the displacements after the nudge; `x` where it is stable, shape (N, 2) [m]. Of the two
-            directions of a motion that is free to both sides, the one is taken whose largest component, of the first
-            of these points, is positive.
-
-    Returns:
-        Whether it is unstable.
-    """
+def _nudge(frame, command, x, moved, tie):
+    """Displace an unstable equilibrium to `tie`, where the energy decreases most; return whether it is unstable."""
     assign(tie, x)
     matrix, owner, axis = stiffness_of(frame, command, x, moved, 1.0)
     falls, best = decreases(frame, command, matrix, owner, -_SOFT)
@@ -60,7 +51,7 @@ def nudge(frame, command, x, moved, tie):
             largest = p
         free = free and not (moved[owner[p], 0] != 0.0 or moved[owner[p], 1] != 0.0)
     along = best[largest] * (axis[largest, 0] + axis[largest, 1])
-    sign = -1.0 if free and along < 0.0 else 1.0
+    sign = -1.0 if free and along < 0.0 else 1.0  # the largest component, of the first such point, is positive
     size = _NUDGE * frame.rest[: frame.ends.shape[0]].min() * sign
     for p in range(best.size):
         for c in range(2):
@@ -114,7 +105,7 @@ def jump(frame, state, target, part, moved, account):
     base = x.copy()
     start = np.empty((n, 2))
     path = moved.copy()
-    nudge(frame, now, x, moved, start)
+    _nudge(frame, now, x, moved, start)
     assign(base, start)
     shortest = frame.rest[: frame.ends.shape[0]].min()
     eta = 1.0
@@ -143,7 +134,7 @@ def jump(frame, state, target, part, moved, account):
         assign(base, start)
         still = longest <= _STILL * shortest
         if still and eta <= max(_SOFT, least):
-            if nudge(frame, now, base, path, start):
+            if _nudge(frame, now, base, path, start):
                 assign(base, start)
                 stored = energy_of(frame, now, base)
             elif (longest == 0.0 and eta <= 1.0) or solve_stage(frame, now, base, start, force, 0.0)[0]:

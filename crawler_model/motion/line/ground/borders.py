@@ -73,12 +73,8 @@ def excess_of(c, foot, ground):
 
 
 @lean
-def set_load(c, foot, ground, ramp):
-    """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides.
-
-    Args:
-        ramp: the RAMP; in a fall loads rest.
-    """
+def _set_load(c, foot, ground, ramp):
+    """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides."""
     rise = 0.5 * (ground.rise[(foot.place + 1) // 2] + ground.rise[foot.place // 2])
     c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
     if ramp.falling:
@@ -87,10 +83,10 @@ def set_load(c, foot, ground, ramp):
 
 @lean
 def set_bounds(c, foot, ground, ramp):
-    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound` and `set_load`."""
+    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound`."""
     set_bound(c, foot, ground, FORWARD, ramp)
     set_bound(c, foot, ground, BACKWARD, ramp)
-    set_load(c, foot, ground, ramp)
+    _set_load(c, foot, ground, ramp)
 
 
 @lean
@@ -158,7 +154,7 @@ def leave_border(c, ground, ramp, i):
     side = FORWARD if c.v > 0.0 else BACKWARD
     foot.place += 1 if c.v > 0.0 else -1
     set_bound(c, foot, ground, BACKWARD if side == FORWARD else FORWARD, ramp)
-    set_load(c, foot, ground, ramp)
+    _set_load(c, foot, ground, ramp)
     if c.forward + c.backward > 0.0 or c.d_forward + c.d_backward > 0.0:
         c.at &= side
         c.leaving &= side
@@ -206,7 +202,7 @@ def reach_border(c, ground, ramp, i):
     if order >= 0:
         set_bound(c, foot, ground, side, ramp)
         c.fallen &= ~side
-    set_load(c, foot, ground, ramp)
+    _set_load(c, foot, ground, ramp)
     if order > 0:
         c.at = c.leaving = 0
         c.v = 0.0
@@ -288,7 +284,7 @@ def rest_on_border(c, ground, ramp, i):
     c.x, c.rest = ground.borders[j] - foot.home, 0.0
     foot.place = 2 * j + 1
     set_bound(c, foot, ground, side, ramp)
-    set_load(c, foot, ground, ramp)
+    _set_load(c, foot, ground, ramp)
     if order > 0:
         c.at &= ~side
         if (c.v > 0.0) == (coming == AHEAD):
