@@ -166,7 +166,7 @@ def optimise_command(
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
-    _check_combinations(robust, robust_to, robust_of, compromises, (objective, target))
+    _check_combinations(robust, robust_to, robust_of, compromises, objective, target)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
@@ -272,9 +272,13 @@ def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
 
 
 def _check_combinations(
-    robust: list[str] | None, fit: Path | None, over: Over | None, compromises: bool, aim: tuple[Objective, str | None]
+    robust: list[str] | None,
+    fit: Path | None,
+    over: Over | None,
+    compromises: bool,
+    objective: Objective,
+    target: str | None,
 ) -> None:
-    objective, target = aim
     if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
         raise CrawlerError(
             "--pareto: the curve is that of translation against cost of transport; use --for translation"

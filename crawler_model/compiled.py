@@ -260,7 +260,7 @@ _IDLE = frozenset(
 
 
 class _Compiler(CompilerBase):  # type: ignore[misc]
-    """The compiler of numba with two more passes, less idle ones, and functions that borrow their arguments."""
+    """The compiler of numba with two more passes, without idle ones, and with functions that borrow their arguments."""
 
     def compile_extra(self, func: Any) -> Any:
         """Compile a function; garbage is looked for less often meanwhile, which took a tenth of the time."""

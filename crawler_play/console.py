@@ -136,8 +136,10 @@ class Console(Robot):
         """
         if not self._arrived:
             raise CommandError("no robot answers on joint_states; start one, such as crawler-simulator")
+        if self._is_silent:
+            raise CommandError(f"the robot does not answer: no state came within {_SILENCE:g} s of the last command")
         if self.held:
-            self.row, self._unanswered = self._find_row(), None
+            self.row = self._find_row()
             self.settings = replace(self.settings, hand=tuple(self.row.tolist()))
         if {"set", "mode", "wave"} & set(message):
             settings = self.controls.change(self.controls.take_over(self.settings, self._base), message)
@@ -149,6 +151,11 @@ class Console(Robot):
         if "play" in message:
             self.playing = message["play"] is True
         self.held = self.error = ""
+
+    @property
+    def _is_silent(self) -> bool:
+        """Whether the robot has not answered the last command for too long."""
+        return self._unanswered is not None and time.monotonic() - self._unanswered > _SILENCE
 
     @property
     def _base(self) -> np.ndarray:
@@ -166,7 +173,7 @@ class Console(Robot):
         """Send the next command of the ramp, and remember what the robot did."""
         for _ in _STATES:
             self._executor.spin_once(timeout_sec=0.0)
-        if self._unanswered is not None and time.monotonic() - self._unanswered > _SILENCE:
+        if self._is_silent:
             self.hold(f"the robot does not answer: no state for {_SILENCE:g} s")
         try:
             self.instant = self._measure()

@@ -71,6 +71,8 @@ def unit_of(scene: Scene, key: str) -> str:
             return "N, N/m"
         return "N" if indices and indices[-1] < alone else "N/m"
     if "segments" in steps:
+        if steps[-1] in ("elongation", "longest", "shortest"):  # strains
+            return "1"
         return {"N": "N/m", "N/m": "N"}.get(unit, unit)
     if "friction_wave" in steps and unit == "m" and steps[-1] != "wavelength":
         return "N, N/m" if scene.parts.body.segments else "N"

@@ -139,7 +139,7 @@ JOBS = (
     (Kind.line, Kind.springs, Kind.patches, Kind.long, Kind.environments),
     (Kind.plane, Kind.graphs, Kind.derivatives, Kind.node, Kind.batches),
 )
-"""What one process compiles, in this order, the longest first; what a kind shares with one before it is loaded."""
+"""What one process compiles, in this order; what a kind shares with one before it is loaded."""
 SECONDS = {
     Kind.line: 11,
     Kind.graphs: 10,
@@ -168,7 +168,7 @@ def warm(
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Number of processes; by default one per core.", min=1)] = None,
 ) -> None:
-    """Compile the kernels before they are needed, in as many processes as there are cores.
+    """Compile the kernels of common bodies and uses before they are needed, in as many processes as there are cores.
 
     Otherwise the first use of each kind compiles its own. The kernels are kept in ~/.cache/crawler until the model's
     code changes; what is there already is only loaded.

@@ -119,11 +119,10 @@ def _expand(scene: Scene, given: Mapping[str, Bounds]) -> tuple[tuple[str, ...],
                 Variations(scene, {name: np.zeros(1)}, (1,)).origin(name)
         except SceneError as error:
             raise SceneError(str(error).replace("vary: ", "free: ").replace("; vary ", "; free ")) from None
-        for name in names:
-            if not changing_keys(scene, name, find_path(scene, name)):
-                if len(names) > 1:
-                    continue
-                raise SceneError(f"free: {name}: the last row of the drive repeats the first one; free that one")
+        used = [name for name in names if changing_keys(scene, name, find_path(scene, name))]
+        if not used:
+            raise SceneError(f"free: {key}: the last row of the drive repeats the first one; free that one")
+        for name in used:
             if name in keys:
                 raise SceneError(f"free: {name} is named twice")
             keys.append(name)

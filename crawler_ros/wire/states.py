@@ -70,7 +70,8 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         scene: the body and the columns of its commands.
         joints: positions, velocities and efforts of joint_states, shape (3, W).
         row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest, nor the lengths
-            of springs that are slack or stall and the strains of segments of several stiffnesses.
+            of springs that are slack or stall and the strains of segments of several stiffnesses. Of a strain that
+            varies along a segment, states show the mean alone.
 
     Returns:
         The row, with the rest lengths that differ from it by more than rounding, shape (C,).
@@ -86,8 +87,9 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         if bend.spring in springs:
             i = springs.index(bend.spring)
             alone = float(tension[i] - bend.passive(z[i]))
-            both = [bend.actuator.reach(alone + side * _NEAR * max(abs(alone), 1.0)) for side in (-1.0, 1.0)]
-            found[i] = z[i] - 0.5 * sum(both[0] + both[1]) if all(both) else row[i]
+            ends = [at for side in (-1, 1) for at in bend.actuator.reach(alone + side * _NEAR * max(abs(alone), 1.0))]
+            known = len(ends) == 2 and ends[1] - ends[0] <= 1e-6 * abs(ends[0]) + _ROUNDING  # else it is flat there
+            found[i] = z[i] - 0.5 * (ends[0] + ends[1]) if known else row[i]
     bent = {bend.spring for bend in body.bends}
     for k, segment in enumerate(body.segments):
         stiffness, size = body.stiffness[segment.springs], int(columns.actuation_sizes[count + k])
@@ -95,7 +97,7 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         linear = bent.isdisjoint(range(body.springs)[segment.springs]) and np.ptp(stiffness) <= _ROUNDING * stiffness[0]
         strain = (z_all - stiffness.size * mean / stiffness[0]) / segment.length
         same = row[found.size : found.size + size]
-        found = np.concatenate((found, np.full(size, strain) if linear else same))
+        found = np.concatenate((found, same + (strain - same.mean()) if linear else same))
         z = np.concatenate((z, np.full(size, z_all)))
     row = row.copy()
     moved = np.abs(found - row[: found.size]) > _ROUNDING * (np.abs(z) + np.abs(row[: found.size]) + _ROUNDING)

@@ -57,6 +57,23 @@ def test_lengths_and_strains_follow_from_states(scene, command):
     assert found_after(scene, command) == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "name", ["peristaltic_segment", "friction_wave_segment", "ten_contact_wave", "stalling_inchworm"]
+)
+def test_a_command_that_is_known_is_not_changed(name):
+    scene = load_scene(name)
+    row = scene.drive.rows[0]
+    joints, shown = np.zeros((3, len(joint_state_names(scene.body)))), shown_contacts(scene.body)
+    Readout(scene.body, shown).read(Crawler(scene), np.inf, joints, np.zeros((3, shown.size)))
+    assert find_command(scene, joints, row) == pytest.approx(row, abs=1e-9)
+
+
+def test_a_length_on_the_flat_part_of_a_curve_is_not_invented():
+    curve = {"elongation": [-0.02, 0.0, 0.01, 0.03], "tension": [-1.0, 0.0, 0.0, 1.0]}
+    document = CURVED.document() | {"body": {"contacts": [0.0, 0.1], "links": {"curve": curve}}}
+    assert found_after(Scene.model_validate(document), [0.0]).tolist() == [0.0]
+
+
 def test_what_states_do_not_show_stays_as_it_is_taken_to_be():
     assert found_after(CURVED, [0.01, 0.3]) == pytest.approx([0.01, 0.0], abs=1e-12)  # the tendon is slack
     uneven = load_scene("heterogeneous_segment")

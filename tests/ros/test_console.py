@@ -109,6 +109,10 @@ def test_it_holds_when_the_robot_does_not_answer(tmp_path):
         assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
         await page.send_json({"set": {"link_0": 0.3}})
         await next_frame(page, shows("holds: the robot does not answer"))
+        sent = len(lengths())
+        await page.send_json({"set": {"link_0": 0.25}})
+        assert "the robot does not answer" in await complaint(page)
+        assert len(lengths()) == sent
         assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=False).success
         await command(page, {"link_0": 0.2}, lambda _: lengths()[-1:] == [0.2])
 

@@ -105,6 +105,27 @@ def test_curves_over_slope_and_tow_have_units_costs_and_body_lengths(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("scene", "key", "unit"),
+    [
+        ("friction_step", "ground.patches[0].friction", "1"),
+        ("friction_step", "ground.patches[0].from", "m"),
+        ("scissors", "body.points[0][0]", "m"),
+        ("silicone_chain", "body.links.curve.elongation[1]", "m"),
+        ("peristaltic_stops", "body.links.passive.stops.longest", "m"),
+        ("hybrid_body", "body.segments.trunk.passive.stops.longest", "1"),
+        ("heterogeneous_segment", "body.segments.trunk.stiffness.at[0]", "m"),
+        ("heterogeneous_segment", "body.segments.trunk.friction.forward.at[1]", "m"),
+        ("continuous_segment", "loads", "N/m"),
+        ("hybrid_body", "drive.friction.forward[1]", "N, N/m"),
+        ("hybrid_body", "drive.friction.forward[1][0]", "N"),
+        ("planar_rectilinear", "ground.direction", "rad"),
+    ],
+)
+def test_every_number_has_its_unit(scene, key, unit):
+    assert unit_of(load_scene(scene), key) == unit
+
+
+@pytest.mark.parametrize(
     ("key", "unit"),
     [
         ("loads", "N, N/m"),

@@ -47,7 +47,7 @@ _BEYOND = 0.3 * AT_ONCE
 _SHORT_OF = 0.95
 """A part is shortened at least by this factor where a point stops inside, or starts unseen."""
 _FAR_STOP = 0.9
-"""A stop behind this part of a part of the ramp is far: its estimate is rather too long."""
+"""A stop that is estimated behind this fraction of a part is far: such estimates are too long."""
 _FAR_BEYOND = 1.5
 """A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
 _SPENT, _AT_ONCE = 0.02, 0.125
