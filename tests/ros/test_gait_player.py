@@ -139,7 +139,7 @@ def test_a_dead_simulator_ends_it(ros, number):
         ("crawler_ros.node.gait_player", ("scene:=two_anchor_a", "patience:=0.0")),
         ("crawler_ros.examples.phase_control", ()),
         ("crawler_ros.examples.speed_control", ()),
-        ("crawler_ros.examples.path_control", ()),
+        ("crawler_ros.examples.path_control", ("right:=link_0",)),
         ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
     ],
     ids=["player", "phase", "speed", "path", "policy"],
