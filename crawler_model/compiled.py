@@ -251,11 +251,18 @@ class _Lowering(NativeLowering):  # type: ignore[misc]
         return _Borrower
 
 
-_IDLE = frozenset(
-    {"WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction", "InlineInlinables"}
-    | {"FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass", "InlineOverloads"}
-    | {"NopythonRewrites"}
-)
+_IDLE = {
+    "WithLifting",
+    "InlineClosureLikes",
+    "RewriteDynamicRaises",
+    "MakeFunctionToJitFunction",
+    "InlineInlinables",
+    "FindLiterallyCalls",
+    "LiteralUnroll",
+    "LiteralPropagationSubPipelinePass",
+    "InlineOverloads",
+    "NopythonRewrites",
+}
 """Passes for what no kernel contains: `with` blocks, closures, inlining before LLVM's, expressions of whole arrays."""
 
 
