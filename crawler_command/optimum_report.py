@@ -45,7 +45,7 @@ def describe_optimum(found: Optimum) -> list[str]:
         lines.append(f"motion per period {dx:.6g} m forward, {dy:.6g} m to the left, {dyaw:.6g} rad")
     elif found.motion is not None:
         lines.append(f"motion per period {found.motion[0]:.6g} m along x, {found.motion[1]:.6g} m along y")
-    if found.gain <= 0.0 and found.objective not in ("turn", "screw"):
+    if found.gain <= 0.0 and found.objective not in _MOVES:
         lines.append("no gait within these bounds was found that moves forward")
     lines += [_describe_numbers(found), describe_pace(found)]
     shown = list(zip(found.names, found.values, strict=True))

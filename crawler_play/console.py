@@ -50,6 +50,7 @@ _LOOKS = 0.5
 _SILENCE = 1.0
 """Time without a state after a command, after which nothing more is sent: a robot that does not move on would follow it
 all at once later [s]."""
+_NO_ANSWER = f"the robot does not answer: no state for {_SILENCE:g} s"
 _RESTS = 1e-9
 """A contact below this speed holds [m/s]."""
 
@@ -137,7 +138,7 @@ class Console(Robot):
         if not self._arrived:
             raise CommandError("no robot answers on joint_states; start one, such as crawler-simulator")
         if self._is_silent:
-            raise CommandError(f"the robot does not answer: no state came within {_SILENCE:g} s of the last command")
+            raise CommandError(_NO_ANSWER)
         if self.held:
             self.row = self._find_row()
             self.settings = replace(self.settings, hand=tuple(self.row.tolist()))
@@ -174,7 +175,7 @@ class Console(Robot):
         for _ in _STATES:
             self._executor.spin_once(timeout_sec=0.0)
         if self._is_silent:
-            self.hold(f"the robot does not answer: no state for {_SILENCE:g} s")
+            self.hold(_NO_ANSWER)
         try:
             self.instant = self._measure()
         except CommandError as error:

@@ -18,7 +18,7 @@ from pyarrow import parquet
 from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
 from crawler_model.sweep.many import Settings, run_chunk
 from crawler_model.sweep.results import COLUMNS, gather
-from crawler_model.sweep.rows import ROW
+from crawler_model.sweep.rows import ROW, SCREW
 from crawler_model.sweep.vary import MOST_VARIATIONS
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.attachments import installed_version
@@ -132,7 +132,7 @@ def plan_sweep(
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
     if column is not None and column not in PLOTTED:
         raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
-    if column in ("dx", "dy", "dyaw") and scene.body.turning is None:
+    if column in SCREW and scene.body.turning is None:
         raise CrawlerError(f"--plot: {column}: only bodies that turn have it, and {scene.name} does not")
     variations = vary(scene, values)
     settings.check()

@@ -153,9 +153,13 @@ class Unknowns:
         return Variations(self.base, self._columns(numbers[None]), (1,))[0]
 
     def _columns(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
-        """List the keys that change with the numbers of candidates, shape (M, keys), and their values, shape (M,)."""
-        changing = [changing_keys(self.base, key, find_path(self.base, key)) for key in self.keys]
-        return {each: np.ascontiguousarray(numbers[:, i]) for i, keys in enumerate(changing) for each in keys}
+        """Name the numbers of candidates, shape (M, keys), by the keys that change with them, each of shape (M,)."""
+        return {each: np.ascontiguousarray(numbers[:, i]) for i, keys in enumerate(self._changing) for each in keys}
+
+    @functools.cached_property
+    def _changing(self) -> list[tuple[str, ...]]:
+        """The keys that change with each number: its own, and that of its twin in the row that closes a drive."""
+        return [changing_keys(self.base, key, find_path(self.base, key)) for key in self.keys]
 
     def cycle(self, values: np.ndarray) -> Cycle:
         """Build a candidate.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model.body.body import Body
+from crawler_model.body.body import Body, Segment
 from crawler_model.body.names import name_contacts, name_every_contact, name_joints
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning_tree import TurningTree
@@ -79,9 +79,24 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
     body, columns = scene.body, scene.columns
     begin = body.dimension if body.turning is None else 3
     count = columns.links if body.segments else columns.lengths
-    z, _, tension = joints[:, begin : begin + count]
+    z = joints[0, begin : begin + count]
+    found = _find_lengths(body, z, joints[2, begin : begin + count], row)
+    for k, segment in enumerate(body.segments):
+        size = int(columns.actuation_sizes[count + k])
+        elongation, _, tension = joints[:, begin + count + k]
+        taken = row[found.size : found.size + size]
+        found = np.concatenate((found, _find_strains(body, segment, elongation, tension, taken)))
+        z = np.concatenate((z, np.full(size, elongation)))
+    row = row.copy()
+    moved = np.abs(found - row[: found.size]) > _ROUNDING * (np.abs(z) + np.abs(row[: found.size]) + _ROUNDING)
+    row[: found.size][moved] = found[moved]
+    return row
+
+
+def _find_lengths(body: Body, z: np.ndarray, tension: np.ndarray, taken: np.ndarray) -> np.ndarray:
+    """Find the rest lengths of links and joints, those that are taken where curves are flat."""
     stiffness = body.stiffness[body.link_springs] if body.segments else body.stiffnesses
-    found = z - tension / np.repeat(stiffness, count // max(stiffness.size, 1))
+    found = z - tension / np.repeat(stiffness, z.size // max(stiffness.size, 1))
     springs = body.link_springs.tolist()
     for bend in body.bends:
         if bend.spring in springs:
@@ -89,20 +104,18 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
             alone = float(tension[i] - bend.passive(z[i]))
             ends = [at for side in (-1, 1) for at in bend.actuator.reach(alone + side * _NEAR * max(abs(alone), 1.0))]
             known = len(ends) == 2 and ends[1] - ends[0] <= 1e-6 * abs(ends[0]) + _ROUNDING  # else it is flat there
-            found[i] = z[i] - 0.5 * (ends[0] + ends[1]) if known else row[i]
+            found[i] = z[i] - 0.5 * (ends[0] + ends[1]) if known else taken[i]
+    return found
+
+
+def _find_strains(body: Body, segment: Segment, elongation: float, tension: float, taken: np.ndarray) -> np.ndarray:
+    """Find the strains of a segment from its elongation and its mean tension, those that are taken where it bends."""
+    stiffness = body.stiffness[segment.springs]
     bent = {bend.spring for bend in body.bends}
-    for k, segment in enumerate(body.segments):
-        stiffness, size = body.stiffness[segment.springs], int(columns.actuation_sizes[count + k])
-        z_all, _, mean = joints[:, begin + count + k]
-        linear = bent.isdisjoint(range(body.springs)[segment.springs]) and np.ptp(stiffness) <= _ROUNDING * stiffness[0]
-        strain = (z_all - stiffness.size * mean / stiffness[0]) / segment.length
-        same = row[found.size : found.size + size]
-        found = np.concatenate((found, same + (strain - same.mean()) if linear else same))
-        z = np.concatenate((z, np.full(size, z_all)))
-    row = row.copy()
-    moved = np.abs(found - row[: found.size]) > _ROUNDING * (np.abs(z) + np.abs(row[: found.size]) + _ROUNDING)
-    row[: found.size][moved] = found[moved]
-    return row
+    if not bent.isdisjoint(range(body.springs)[segment.springs]) or np.ptp(stiffness) > _ROUNDING * stiffness[0]:
+        return taken
+    mean = (elongation - stiffness.size * tension / stiffness[0]) / segment.length
+    return taken + (mean - taken.mean())
 
 
 def shown_contacts(body: Body) -> np.ndarray:

@@ -42,6 +42,11 @@ def shows(text: str) -> Any:
     return lambda frame: any(text in line for line in frame["console"])
 
 
+def applied(ros: Graph) -> list[Any]:
+    """The commands that the simulator has followed."""
+    return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+
+
 async def command(page: Any, values: dict[str, float], done: Any) -> dict[str, Any]:
     """Set values until a frame fits; on a busy machine the page may fall silent for a second, and the robot holds."""
     await page.send_json({"set": values})
@@ -66,16 +71,13 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
         assert sent >= 0.05 / 0.3 / 0.5 / 0.1  # a ramp of a third of a second and more, a message each 0.1 s at least
         await page.send_json({"set": {"contact_0/backward": -1.0}})
         assert "friction must be >= 0" in await complaint(page)
-        await command(page, {"contact_0/backward": 0.25}, lambda _: any(row[3] == 0.25 for row in moves()))
-
-    def moves() -> list[Any]:
-        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+        await command(page, {"contact_0/backward": 0.25}, lambda _: any(row[3] == 0.25 for row in applied(ros)))
 
     with graph(tmp_path) as ros:
         ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
         address = start(ros)
         talk(address, work)
-        lengths = [row[0] for row in moves()]
+        lengths = [row[0] for row in applied(ros)]
         assert lengths == sorted(lengths)
         assert lengths[-1] == 0.05
 
@@ -91,7 +93,7 @@ def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
         await command(page, {"link_0": 0.099}, lambda _: lengths()[-1:] == [0.099])
 
     def lengths() -> list[float]:
-        return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
+        return [row[0] for row in applied(ros)]
 
     with graph(tmp_path) as ros:
         ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
@@ -117,7 +119,7 @@ def test_it_holds_when_the_robot_does_not_answer(tmp_path):
         await command(page, {"link_0": 0.2}, lambda _: lengths()[-1:] == [0.2])
 
     def lengths() -> list[float]:
-        return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
+        return [row[0] for row in applied(ros)]
 
     with graph(tmp_path) as ros:
         ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
@@ -130,20 +132,17 @@ def test_the_first_ramp_begins_at_the_command_in_force(tmp_path):
     friction, held = list(columns.names).index("contact_0/forward"), 0.02
 
     async def work(page: Any) -> None:
-        await next_frame(page, lambda _: rows() and rows()[-1][0] == held)
+        await next_frame(page, lambda _: applied(ros) and applied(ros)[-1][0] == held)
         await next_frame(page, shows("1 listener"))
-        await command(page, {"contact_0/forward": 0.4}, lambda _: rows()[-1][friction] == 0.4)
-
-    def rows() -> list[Any]:
-        return [point.positions for message in list(ros.heard["applied_commands"]) for point in message.points]
+        await command(page, {"contact_0/forward": 0.4}, lambda _: applied(ros)[-1][friction] == 0.4)
 
     with graph(tmp_path) as ros:
         ros.simulator("scene:=silicone_chain", hear=("joint_states", "applied_commands"))
         address = start(ros, "silicone_chain")
         ros.publish("actuation_controller/commands", Float64MultiArray(data=[held] * 3))
         talk(address, work)
-        first = next(i for i, row in enumerate(rows()) if row[0] == held)
-        assert [row[0] for row in rows()[first:]] == pytest.approx([held] * (len(rows()) - first), abs=1e-9)
+        first = next(i for i, row in enumerate(applied(ros)) if row[0] == held)
+        assert [row[0] for row in applied(ros)[first:]] == pytest.approx([held] * (len(applied(ros)) - first), abs=1e-9)
 
 
 def test_without_a_robot_and_with_another_one_nothing_is_sent(tmp_path):

@@ -119,26 +119,17 @@ def test_curves_over_slope_and_tow_have_units_costs_and_body_lengths(tmp_path):
         ("hybrid_body", "drive.friction.forward[1]", "N, N/m"),
         ("hybrid_body", "drive.friction.forward[1][0]", "N"),
         ("planar_rectilinear", "ground.direction", "rad"),
+        ("hybrid_body", "loads", "N, N/m"),
+        ("hybrid_body", "loads[0]", "N"),
+        ("hybrid_body", "loads.1", "N/m"),
+        ("hybrid_body", "body.weights[1]", "N/m"),
+        ("hybrid_body", "ground.slope", "degrees"),
+        ("hybrid_body", "friction.coefficient.forward[0]", "1"),
+        ("hybrid_body", "friction.forward[0]", "N"),
     ],
 )
 def test_every_number_has_its_unit(scene, key, unit):
     assert unit_of(load_scene(scene), key) == unit
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("loads", "N, N/m"),
-        ("loads[0]", "N"),
-        ("loads.1", "N/m"),
-        ("body.weights[1]", "N/m"),
-        ("ground.slope", "degrees"),
-        ("friction.coefficient.forward[0]", "1"),
-        ("friction.forward[0]", "N"),
-    ],
-)
-def test_numbers_of_loads_have_the_units_of_their_part(key, unit):
-    assert unit_of(load_scene("hybrid_body"), key) == unit
 
 
 def test_three_keys_make_a_table_alone_and_the_plane_two_columns(tmp_path):
