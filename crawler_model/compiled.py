@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import gc
 import hashlib
 import os
 import resource
@@ -14,19 +13,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding as llvm
 import numba
-from numba.core import event, ir, types
+from numba.core import event, types
 from numba.core.caching import FunctionCache
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_lock import require_global_compiler_lock
-from numba.core.compiler_machinery import FunctionPass, register_pass
-from numba.core.lowering import Lower
 from numba.core.runtime.nrt import rtsys
-from numba.core.typed_passes import NativeLowering, NoPythonSupportedFeatureValidation
 
 from .announce import Announcer
+from .compiler import Compiler
 from .errors import CrawlerError
 
 _DAY = 86_400.0
@@ -36,8 +29,6 @@ _COMPILER_BYTES = 512 << 20
 """Address space that compiling takes."""
 _INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 """Options of numba for functions that Python does not call."""
-_GARBAGE = 50_000
-"""Objects that are made before garbage is looked for while functions are compiled; at most 10 MB more are in use."""
 _KEPT = 8
 """Number of source versions whose kernels stay in the cache; older ones are deleted when unused for a day."""
 
@@ -133,167 +124,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]
             return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
-@register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
-class _UnsignedIndices(FunctionPass):  # type: ignore[misc]
-    """Treat integers that index arrays as unsigned.
-
-    Python counts a negative index from the end of the array. No kernel may use that: to look for it at each access
-    takes an eighth of the time of a tick. Compiled with NUMBA_BOUNDSCHECK=1, kernels raise IndexError instead.
-    """
-
-    _name = "crawler_unsigned_indices"
-
-    def __init__(self) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-
-    def run_pass(self, state: Any) -> bool:
-        """Replace the signature of each access to an element of an array; lowering converts the index."""
-        state.calltypes = {node: _index_unsigned(node, call) for node, call in state.calltypes.items()}
-        return True
-
-
-def _index_unsigned(node: Any, call: Any) -> Any:
-    is_access = isinstance(node, ir.SetItem) or (isinstance(node, ir.Expr) and node.op == "getitem")
-    if not (is_access and isinstance(call.args[0], types.Array)):
-        return call
-    return call.replace(args=(call.args[0], _unsigned(call.args[1]), *call.args[2:]))
-
-
-def _unsigned(index: Any) -> Any:
-    if isinstance(index, types.BaseTuple):
-        parts: Any = index
-        return types.BaseTuple.from_types([_unsigned(part) for part in parts])  # type: ignore[no-untyped-call]
-    return types.uintp if isinstance(index, types.Integer) else index
-
-
-class _Part(JITCodeLibrary):  # type: ignore[misc]
-    """The code of a function that other kernels alone call: LLVM optimizes and translates it as a part of them.
-
-    numba optimizes and translates each function together with all that it calls, and again in each function that calls
-    it: in a chain of calls as long as the kernels' this takes twice as long. This code is linked as it is. What the
-    process loads is the address of the environment alone, which numba sets for every function.
-    """
-
-    def finalize(self) -> None:
-        """Link what the function calls, and keep all of it for those that call the function."""
-        require_global_compiler_lock()  # type: ignore[no-untyped-call]
-        self._raise_if_finalized()  # type: ignore[no-untyped-call]
-        code = self._final_module
-        for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
-            code.link_in(library._get_module_for_linking(), preserve=True)
-        for function in code.functions:
-            if not function.is_declaration and function.linkage == llvm.Linkage.external:
-                function.linkage = "linkonce_odr"  # those who call it copy it
-        environments = [str(each) for each in code.global_variables if each.name.startswith("_ZN08NumbaEnv")]
-        empty = str(self._codegen._create_empty_module(self.name))  # type: ignore[no-untyped-call]
-        self._shared_module = code
-        self._final_module = llvm.parse_assembly("\n".join([empty, *environments]))
-        self._finalize_final_module()  # type: ignore[no-untyped-call]
-
-
-@register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
-class _KeepParts(FunctionPass):  # type: ignore[misc]
-    """Keep functions that Python does not call as parts of those that call them."""
-
-    _name = "crawler_keep_parts"
-
-    def __init__(self) -> None:
-        super().__init__()  # type: ignore[no-untyped-call]
-
-    def run_pass(self, state: Any) -> bool:
-        """Choose where the code goes."""
-        if state.flags.no_cpython_wrapper:
-            state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
-            state.library.enable_object_caching()
-        return False
-
-
-class _Borrower(Lower):  # type: ignore[misc]
-    """Translates a function that borrows its arguments: their caller holds them until it returns.
-
-    numba counts a reference to each array among the arguments of a call, and to all that a tuple holds. Instructions
-    that count lock the counter for other threads: they took a quarter of the time of a ramp in the plane.
-    """
-
-    _borrowed: frozenset[str] = frozenset()
-    _borrows = False
-
-    def lower_assign(self, ty: Any, inst: Any) -> Any:
-        """Translate an assignment, of an argument without counting it."""
-        if isinstance(inst.value, ir.Arg):
-            self._borrowed |= {inst.target.name}
-            self._borrows = True
-        value = super().lower_assign(ty, inst)  # type: ignore[no-untyped-call]
-        self._borrows = False
-        return value
-
-    def incref(self, typ: Any, val: Any) -> None:
-        """Count a reference, unless an argument is being assigned."""
-        if not self._borrows:
-            super().incref(typ, val)  # type: ignore[no-untyped-call]
-
-    def delvar(self, name: str) -> None:
-        """Delete a variable, unless it is an argument."""
-        if name not in self._borrowed:
-            super().delvar(name)  # type: ignore[no-untyped-call]
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
-class _Lowering(NativeLowering):  # type: ignore[misc]
-    """Translate functions by `_Borrower`."""
-
-    _name = "crawler_lowering"
-
-    @property
-    def lowering_class(self) -> type[Lower]:
-        """The class that does it."""
-        return _Borrower
-
-
-_IDLE = {
-    "WithLifting",
-    "InlineClosureLikes",
-    "RewriteDynamicRaises",
-    "MakeFunctionToJitFunction",
-    "InlineInlinables",
-    "FindLiterallyCalls",
-    "LiteralUnroll",
-    "LiteralPropagationSubPipelinePass",
-    "InlineOverloads",
-    "NopythonRewrites",
-}
-"""Passes for what no kernel contains: `with` blocks, closures, inlining before LLVM's, expressions of whole arrays."""
-
-
-class _Compiler(CompilerBase):  # type: ignore[misc]
-    """The compiler of numba with two more passes, without idle ones, and with functions that borrow their arguments."""
-
-    def compile_extra(self, func: Any) -> Any:
-        """Compile a function; garbage is looked for less often meanwhile, which took a tenth of the time."""
-        kept = gc.get_threshold()
-        gc.set_threshold(_GARBAGE)
-        try:
-            return super().compile_extra(func)  # type: ignore[no-untyped-call]
-        finally:
-            gc.set_threshold(*kept)
-
-    def define_pipelines(self) -> list[Any]:
-        """List the passes."""
-        passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
-        passes.add_pass_after(_UnsignedIndices, NoPythonSupportedFeatureValidation)
-        passes.add_pass_after(_KeepParts, _UnsignedIndices)
-        passes.passes = [
-            (_Lowering if one is NativeLowering else one, text)
-            for one, text in passes.passes
-            if not (isinstance(one, type) and one.__name__ in _IDLE)
-        ]
-        passes.finalize()
-        return [passes]
-
-
 def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", pipeline_class=_Compiler, **more)(function)
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", pipeline_class=Compiler, **more)(function)
     if hasattr(dispatcher, "_cache"):  # it is a plain function where kernels are interpreted
         dispatcher._compiler.fold_argument_types = _without_literals(dispatcher._compiler.fold_argument_types)
         # RuntimeError: "no locator available": read-only, without a home to write to; or another version of numba
