@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import functools
 import os
@@ -56,7 +57,7 @@ def expand_home(path: str) -> str:
 
 
 def _normalise_overrides(node: Any, silent: bool) -> None:
-    """Convert whole numbers to doubles and YAML's `off` to text; warn about unknown parameters."""
+    """Convert whole numbers and texts such as 1e3 to doubles, YAML's `off` to text; warn about unknown parameters."""
     from rclpy.parameter import Parameter as RosParameter
 
     overrides = getattr(node, "_parameter_overrides", {})
@@ -67,8 +68,9 @@ def _normalise_overrides(node: Any, silent: bool) -> None:
                 near = difflib.get_close_matches(name, read_parameters(), n=1, cutoff=0.6)
                 hint = f"the nearest is {near[0]!r}" if near else f"the parameters are {', '.join(read_parameters())}"
                 node.get_logger().warning(f"unknown parameter {name!r}; {hint}")
-        elif row.type == "double" and type(override.value) is int:
-            overrides[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
+        elif row.type == "double" and type(override.value) in (int, str):
+            with contextlib.suppress(ValueError):  # else its declaration refuses it
+                overrides[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
         elif row.type == "string" and override.value is False:
             overrides[name] = RosParameter(name, RosParameter.Type.STRING, "off")
 
@@ -114,5 +116,7 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
             raise ValueError(f"parameter {name} takes {_KINDS[row.type]} ({row.meaning}) {error}") from None
         if row.choices and values[name] not in row.choices:
             raise ValueError(f"parameter {name}: {values[name]!r}; it must be one of {', '.join(row.choices)}")
+        if name == "frame_id" and not values[name].strip():
+            raise ValueError(f"parameter frame_id: {values[name]!r}; it must be the name of a frame")
     check_priority(values)
     return values

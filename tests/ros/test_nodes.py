@@ -304,6 +304,7 @@ WRONG = [
     (["rate:=-1.0"], "rate"),
     (["rate:=fast"], "parameter rate takes a number"),
     (["method:=euler"], "it must be one of auto, exact, catch_up"),
+    (["frame_id:=''"], "parameter frame_id: ''; it must be the name of a frame"),
     (["view:=window"], "it must be off, live, or a path that ends in .rrd"),
     (["thread_priority:=10", "lock_step:=true"], "thread_priority: 10 with lock_step: the node would run as fast"),
     (["record:=/proc/nowhere"], "record: /proc/nowhere: the folder cannot be created: No such file or directory"),
