@@ -122,7 +122,7 @@ def kernels() -> None:
         return
     from crawler_command.many import warm
 
-    builds = {kind.value: build for kind, build in warm.BUILDS.items()}
+    builds = {kind.value: build for kind, (build, _) in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
     builds[JUMPS] = compile_jumps
     for begun, ended in KERNELS:

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from enum import Enum
+from functools import partial
 from threading import Event, Thread
 from typing import Annotated, Any
 
@@ -34,16 +35,6 @@ def compile_scene(name: str, **more: Any) -> None:
     simulate(Scene.model_validate(load_scene(name).document() | more), duration=0.05)
 
 
-def compile_line() -> None:
-    """Compile the kernels of chains on a line."""
-    compile_scene("three_contacts_two_ways")
-
-
-def compile_graphs() -> None:
-    """Compile the kernels of other bodies on a line."""
-    compile_scene("three_springs")
-
-
 def compile_environments() -> None:
     """Compile the kernels of environments, if their extra is installed."""
     try:
@@ -54,11 +45,6 @@ def compile_environments() -> None:
         environment = gymnasium.make("crawler_gym:Crawler-v0", scene=scene, direction=direction)
         environment.reset(seed=0)
         environment.step(environment.action_space.sample())
-
-
-def compile_springs() -> None:
-    """Compile the kernels of bodies whose springs bend, as tendons that go slack."""
-    compile_scene("tendon_worm")
 
 
 def compile_node() -> None:
@@ -74,21 +60,11 @@ def compile_node() -> None:
         compile_search()
 
 
-def compile_patches() -> None:
-    """Compile the kernels of bodies on patches of ground."""
-    compile_scene("three_contacts_two_ways", ground=PATCHES)
-
-
 def compile_long() -> None:
     """Compile the kernels of long chains."""
     from crawler_model import Crawler, Scene
 
     Crawler(Scene.model_validate({"name": "long", "body": _LONG, "friction": {"isotropic": 0.1}})).advance([1.0] * 299)
-
-
-def compile_plane() -> None:
-    """Compile the kernels of bodies in the plane."""
-    compile_scene("planar_three_points")
 
 
 def compile_derivatives() -> None:
@@ -111,48 +87,37 @@ def compile_batches() -> None:
 class Kind(str, Enum):
     """A kind of kernels."""
 
-    line = "line"
-    graphs = "graphs"
+    line = "line"  # chains on a line
+    graphs = "graphs"  # other bodies on a line
     node = "node"
-    springs = "springs"
-    patches = "patches"
+    springs = "springs"  # springs that bend, as tendons that go slack
+    patches = "patches"  # patches of ground
     long = "long"
-    plane = "plane"
+    plane = "plane"  # bodies in the plane
     derivatives = "derivatives"
     batches = "batches"
     environments = "environments"
 
 
-BUILDS: dict[Kind, Callable[[], None]] = {
-    Kind.line: compile_line,
-    Kind.graphs: compile_graphs,
-    Kind.node: compile_node,
-    Kind.springs: compile_springs,
-    Kind.patches: compile_patches,
-    Kind.long: compile_long,
-    Kind.plane: compile_plane,
-    Kind.derivatives: compile_derivatives,
-    Kind.batches: compile_batches,
-    Kind.environments: compile_environments,
+BUILDS: dict[Kind, tuple[Callable[[], None], int]] = {
+    Kind.line: (partial(compile_scene, "three_contacts_two_ways"), 11),
+    Kind.graphs: (partial(compile_scene, "three_springs"), 10),
+    Kind.node: (compile_node, 12),
+    Kind.springs: (partial(compile_scene, "tendon_worm"), 14),
+    Kind.patches: (partial(compile_scene, "three_contacts_two_ways", ground=PATCHES), 12),
+    Kind.long: (compile_long, 9),
+    Kind.plane: (partial(compile_scene, "planar_three_points"), 18),
+    Kind.derivatives: (compile_derivatives, 17),
+    Kind.batches: (compile_batches, 5),
+    Kind.environments: (compile_environments, 6),
 }
+"""What compiles each kind, and the processor time that it takes [s]. Times are measured on one machine; on another one
+their ratios are similar."""
 JOBS = (
     (Kind.line, Kind.springs, Kind.patches, Kind.long, Kind.environments),
     (Kind.plane, Kind.graphs, Kind.derivatives, Kind.node, Kind.batches),
 )
 """What one process compiles, in this order; what a kind shares with one before it is loaded."""
-SECONDS = {
-    Kind.line: 11,
-    Kind.graphs: 10,
-    Kind.springs: 14,
-    Kind.node: 12,
-    Kind.patches: 12,
-    Kind.long: 9,
-    Kind.plane: 18,
-    Kind.derivatives: 17,
-    Kind.batches: 5,
-    Kind.environments: 6,
-}
-"""Processor time that each kind takes, measured on one machine [s]; on another one the ratios are similar."""
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 0.25),
     ("crawler_model.derivative", 0.5),
@@ -178,7 +143,7 @@ def warm(
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
     names = ", ".join(kind.value for job in jobs for kind in job)
-    expected = sum(SECONDS[kind] for job in jobs for kind in job)
+    expected = sum(BUILDS[kind][1] for job in jobs for kind in job)
     processes = min(workers or available_cores(), len(jobs))
     if not sys.stderr.isatty():
         text = f"compiling {names}: up to {expected} s of processor time in {processes} process(es)"
@@ -207,7 +172,8 @@ def _compile(kinds: list[Kind]) -> None:
 
     announcer.show = lambda text: None  # the bar of the command counts the functions of all processes
     for kind in kinds:
-        BUILDS[kind]()
+        build, _ = BUILDS[kind]
+        build()
 
 
 def measure_compiled() -> tuple[int, float]:
