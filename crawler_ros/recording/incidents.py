@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from .layouts import Walk
 
@@ -63,14 +62,6 @@ class Incidents:
     first_late: float | None
     worst_late: float | None
     worst_delay: float | None
-
-    def as_plain(self) -> dict[str, Any]:
-        """Convert to plain values for JSON.
-
-        Returns:
-            The attributes by name.
-        """
-        return asdict(self)
 
     def explain(self) -> list[str]:
         """Describe what went wrong.

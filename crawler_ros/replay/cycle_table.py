@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -34,14 +34,6 @@ class EnergyBalance:
     jump_loss: float
     stored: float
     residual: float
-
-    def as_plain(self) -> dict[str, Any]:
-        """Convert to plain values for JSON.
-
-        Returns:
-            The attributes by name, as plain numbers, lists and text.
-        """
-        return dict(self.__dict__)
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,7 @@ class Cycle:
             The attributes by name, as plain numbers, lists and text.
         """
         energy = dict.fromkeys(field.name for field in fields(EnergyBalance))
-        plain = {**self.__dict__, **(energy if self.energy is None else self.energy.as_plain())}
+        plain = {**self.__dict__, **(energy if self.energy is None else asdict(self.energy))}
         del plain["energy"]
         if self.turned is None:
             del plain["turned"]

@@ -135,14 +135,6 @@ class Standstill:
     last_message_at: float | None
     commands_known: bool
 
-    def as_plain(self) -> dict[str, Any]:
-        """Convert to plain values for JSON.
-
-        Returns:
-            The attributes by name.
-        """
-        return dict(self.__dict__)
-
     def explain(self) -> str:
         """Describe the rest in one line.
 

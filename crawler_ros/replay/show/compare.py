@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ class RunComparison:
                 "scene": None if run.scene is None else run.scene.name,
                 "simulated_s": run.seconds,
                 "cycles": [cycle.as_plain()["translation"] for cycle in run.cycles],
-                "energy": None if run.energy is None else run.energy.as_plain(),
+                "energy": None if run.energy is None else asdict(run.energy),
                 "slips": int(run.slips.contact.size),
                 "healthy": run.healthy,
             }
