@@ -25,7 +25,7 @@ from .midrun import fit_start
 from .observe import observe
 from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
-from .slips import Slips, SlipSink
+from .slips import SlipFinder, Slips
 from .standstill import Rest, Standstill, find_rests, find_standstill
 from .yields import YieldSink
 
@@ -195,7 +195,7 @@ def analyse(
     recorded = recorded_scene(survey.path, survey.attachments)
     other_scene, scene = scene is not None and recorded is not None and scene != recorded, scene or recorded
     table = RampTable()
-    finder, yields = SlipSink(), YieldSink(scene)
+    finder, yields = SlipFinder(), YieldSink(scene)
     receivers: list[Sink] = [finder, yields, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
     def rest(part: float) -> None:

@@ -50,22 +50,23 @@ def sliding(gained: np.ndarray) -> np.ndarray:
 
 
 class SlipFinder:
-    """Collects slips from consecutive pieces of a run. A pause in which nothing moves ends a slip."""
+    """Finds slips in consecutive pieces of a run: a `Sink`. A pause in which nothing moves ends a slip."""
 
-    def __init__(self, contacts: int, planar: bool) -> None:
-        """Start with every contact stuck.
-
-        Args:
-            contacts: number of contacts M.
-            planar: whether they move in the plane.
-        """
-        self._planar = planar
+    def __init__(self) -> None:
+        """Start empty; the first ramps determine the number of contacts."""
         self._found: list[np.ndarray] = []
+        self._run, self._planar = 0, False
+        self._start(0)
+
+    def _start(self, contacts: int) -> None:
         self._direction = np.zeros(contacts, np.int8)
         self._since = np.zeros(contacts, np.int64)
         self._until = np.zeros(contacts, np.int64)
         self._sum = np.zeros((contacts, 3))
-        self._run = 0
+
+    def __call__(self, piece: Piece) -> None:
+        """Add a piece, in which the stations of a body slide."""
+        self.add(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
 
     def add(self, run: np.ndarray, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
         """Add the next ramps.
@@ -76,6 +77,9 @@ class SlipFinder:
             end_ns: when it ends, shape (R,) [ns].
             gained: displacement of each contact, shape (R, M), in the plane (R, M, 2) [m].
         """
+        if self._direction.size == 0:
+            self._start(gained.shape[1])
+            self._planar = gained.ndim == 3
         for number in np.unique(run).tolist():
             rows = np.flatnonzero(run == number)
             if number != self._run:
@@ -130,30 +134,6 @@ class SlipFinder:
         table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
         table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]
         return Slips(*(np.ascontiguousarray(table[name]) for name in _ROW.names or ()))
-
-
-class SlipSink:
-    """Finds the slips of the stations of a body in the pieces of a run: a `Sink`."""
-
-    def __init__(self) -> None:
-        """Start empty; the first piece determines the number of stations."""
-        self._finder = SlipFinder(0, False)
-        self._begun = False
-
-    def __call__(self, piece: Piece) -> None:
-        """Add a piece."""
-        if not self._begun:
-            self._finder = SlipFinder(piece.station_gained.shape[1], piece.station_gained.ndim == 3)
-            self._begun = True
-        self._finder.add(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
-
-    def finish(self) -> Slips:
-        """End the open slips and return all of them.
-
-        Returns:
-            The slips by run and by start.
-        """
-        return self._finder.finish()
 
 
 _ROW = np.dtype(

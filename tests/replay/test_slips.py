@@ -14,7 +14,7 @@ from crawler_ros.replay.slips import SlipFinder, sliding
 
 def slips(gained, cuts=(), run=None):
     gained = np.asarray(gained, dtype=float)
-    finder = SlipFinder(gained.shape[1], gained.ndim == 3)
+    finder = SlipFinder()
     time = np.arange(len(gained) + 1)
     run = np.zeros(len(gained), int) if run is None else np.asarray(run)
     bounds = [0, *sorted(cuts), len(gained)]
@@ -61,4 +61,4 @@ def test_cutting_a_run_into_pieces_changes_nothing(rows, data):
 
 def test_no_contact_and_no_ramp():
     assert slips(np.zeros((3, 0))).contact.size == 0
-    assert SlipFinder(2, False).finish().contact.size == 0
+    assert SlipFinder().finish().contact.size == 0
