@@ -171,16 +171,14 @@ def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, two
 def _show(recording: Path) -> None:
     import yaml
 
-    from crawler_ros.recording import bag
+    from crawler_ros.recording.bag import examine
 
-    head = bag.Bag({})
-    for _ in bag.read_blocks(recording, head):
-        pass
-    if not head.attachments:
+    attachments = examine(recording).attachments
+    if not attachments:
         raise CrawlerError(
             f"{recording}: the recording holds only messages; recordings of the simulator also hold their scene"
         )
-    print(yaml.safe_dump(head.attachments, sort_keys=False, allow_unicode=True), end="")
+    print(yaml.safe_dump(attachments, sort_keys=False, allow_unicode=True), end="")
 
 
 def _recover(recording: Path) -> tuple[Path, str]:

@@ -114,6 +114,8 @@ class Bag:
     """By number in the blocks."""
     attached: list[Attachment] = field(default_factory=list)
     """All attachments as recorded."""
+    counts: Counter[str] = field(default_factory=Counter)
+    """Number of messages by topic; counted by `examine` alone."""
 
     def find(self, block: Block, topic: str) -> np.ndarray:
         """Return the indices of a topic's messages in a block, shape (K,); a topic may have several channels."""
@@ -235,29 +237,24 @@ def read_head(path: Path) -> Bag:
     return bag
 
 
-@dataclass(frozen=True)
-class Health:
-    """The number of messages on each topic of a recording, and whether the file is complete."""
-
-    complete: bool
-    counts: dict[str, int]
-
-
-def examine(path: Path) -> Health:
-    """Count the messages of a recording and check that it is complete.
+def examine(path: Path) -> Bag:
+    """Read a recording to its end, for what it holds besides its messages.
 
     Args:
         path: a bag folder or an .mcap file.
 
     Returns:
-        The counts.
+        Its contents, with the number of messages by topic.
 
     Raises:
         BagError: when the file is not a recording.
     """
     bag = Bag({})
-    counts = Counter(record.topic for record in read(path, bag))
-    return Health(bag.complete, dict(counts))
+    for block in read_blocks(path, bag):
+        for number, count in Counter(block.channel.tolist()).items():
+            if number in bag.channels:
+                bag.counts[bag.channels[number][0].topic] += count
+    return bag
 
 
 def newest(path: Path) -> Path:
@@ -292,9 +289,7 @@ def recover(path: Path, folder: Path) -> int:
     """
     from .bag_writer import BagWriter
 
-    bag = Bag({})
-    for _ in read_blocks(path, bag):  # an attachment may follow the messages
-        pass
+    bag = examine(path)  # an attachment may follow the messages
     existed = folder.exists()
     try:
         writer = BagWriter(folder, {"recovered": {"from": path.name}})
