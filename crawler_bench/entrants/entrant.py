@@ -83,24 +83,6 @@ class Entrant:
     implicit: bool = False
 
 
-def lap_by_quarters(run: Run, number: int, deadline: float) -> tuple[float, int]:
-    """Simulate one period, or as many short ones as a lap needs for its timing, quarter by quarter.
-
-    Args:
-        run: the run.
-        number: number of the first quarter since the start.
-        deadline: value of `time.perf_counter` after which to stop [s].
-
-    Returns:
-        Time spent [s] and number of periods.
-    """
-    spent, periods = 0.0, 0
-    while spent < LEAST and periods < 100:
-        spent += sum(run.quarter(number + 4 * periods + k, deadline) for k in range(4))
-        periods += 1
-    return spent, periods
-
-
 def check_time(deadline: float) -> None:
     """Stop after the deadline.
 
@@ -114,7 +96,25 @@ def check_time(deadline: float) -> None:
         raise OutOfTime
 
 
-class TickByTick:
+class ByQuarters:
+    """The common part of runs whose laps consist of quarters."""
+
+    solves = failures = steps = 0
+
+    def quarter(self, number: int, deadline: float) -> float:
+        """Simulate a quarter of a period; see `Run`."""
+        raise NotImplementedError
+
+    def lap(self, number: int, deadline: float) -> tuple[float, int]:
+        """Simulate one period, or as many short ones as a lap needs for its timing; see `Run`."""
+        spent, periods = 0.0, 0
+        while spent < LEAST and periods < 100:
+            spent += sum(self.quarter(number + 4 * periods + k, deadline) for k in range(4))
+            periods += 1
+        return spent, periods
+
+
+class TickByTick(ByQuarters):
     """The common part of runs of solvers that are called from Python for each tick.
 
     Attributes:
@@ -122,9 +122,6 @@ class TickByTick:
     """
 
     quarters: Sequence[np.ndarray]
-    solves: int
-    failures: int
-    steps: int
     displacement: np.ndarray
 
     def tick(self, target: np.ndarray) -> None:
@@ -140,7 +137,3 @@ class TickByTick:
             spent += time.perf_counter() - began
             check_time(deadline)
         return spent
-
-    def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Simulate a period; see `Run`."""
-        return lap_by_quarters(self, number, deadline)

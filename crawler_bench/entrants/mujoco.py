@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from crawler_model import Scene
 
 from ..cases import QUARTERS, Case
-from .entrant import Entrant, check_time, lap_by_quarters
+from .entrant import ByQuarters, Entrant, check_time
 
 STEPS = (100, 300, 1_000, 3_000, 10_000)
 """Numbers of steps per period."""
@@ -55,7 +56,7 @@ TUNED: dict[int, Tuning] = {
 """The best tunings found for strategy A."""
 
 
-class MujocoRun:
+class MujocoRun(ByQuarters):
     """A MuJoCo model stepped through the commands."""
 
     def __init__(self, scene: Scene, steps: int, tuning: Tuning) -> None:
@@ -82,7 +83,6 @@ class MujocoRun:
         self.model.tendon_lengthspring[:] = (drive.actuation[0] + 1000.0)[:, None]
         self.model.dof_frictionloss[:] = drive.forward[0]
         self.step = mujoco.mj_step
-        self.solves = self.failures = self.steps = 0
 
     @property
     def displacement(self) -> np.ndarray:
@@ -104,10 +104,6 @@ class MujocoRun:
         spent = time.perf_counter() - began
         check_time(deadline)
         return spent
-
-    def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Simulate a period; see `entrant.Run`."""
-        return lap_by_quarters(self, number, deadline)
 
 
 def build_document(scene: Scene, steps: int, tuning: Tuning) -> str:
@@ -228,10 +224,6 @@ def build_mujoco_peers(case: Case, scan: bool) -> list[Entrant]:
     Returns:
         The entrants.
     """
-
-    def start(steps: int, tuning: Tuning) -> Callable[[], MujocoRun]:
-        return lambda: MujocoRun(case.scene, steps, tuning)
-
     entrants = []
     for steps in STEPS:
         tuning, tried = tune(case, steps, 15.0) if scan else (TUNED[steps], 0)
@@ -241,7 +233,7 @@ def build_mujoco_peers(case: Case, scan: bool) -> list[Entrant]:
             Entrant(
                 "MuJoCo, tuned",
                 steps,
-                start(steps, tuning),
+                partial(MujocoRun, case.scene, steps, tuning),
                 f"{found}: {words}; the model edited and stepped from Python in each step",
             )
         )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from functools import partial
 
 import numba
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from crawler_model import Scene
 
 from ..cases import Case
-from .entrant import Entrant, OutOfTime, check_time, lap_by_quarters
+from .entrant import ByQuarters, Entrant, OutOfTime, check_time
 
 SMOOTHINGS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """eps, the velocity below which friction is smooth, relative to the fastest command."""
@@ -55,7 +55,7 @@ def _rates(x, t, times, targets, stiffness, small, viscous, v):
         v[i] = w if g > 0.0 else -w
 
 
-class OdeRun:
+class OdeRun(ByQuarters):
     """A run of LSODA on smooth friction."""
 
     def __init__(self, scene: Scene, smoothing: float) -> None:
@@ -85,7 +85,6 @@ class OdeRun:
         rates(np.array(scene.start_displacement), 0.0)  # compiles before the timing
         self.rates = rates
         self.displacement = np.array(scene.start_displacement)
-        self.solves = self.failures = self.steps = 0
 
     def quarter(self, number: int, deadline: float) -> float:
         """Simulate a quarter of a period, which ends at a corner of the commands; see `entrant.Run`."""
@@ -114,10 +113,6 @@ class OdeRun:
             check_time(deadline)
         return spent
 
-    def lap(self, number: int, deadline: float) -> tuple[float, int]:
-        """Simulate a period; see `entrant.Run`."""
-        return lap_by_quarters(self, number, deadline)
-
 
 def build_ode_peers(case: Case, smoothings: tuple[float, ...]) -> list[Entrant]:
     """Build entrants of smooth friction.
@@ -129,15 +124,11 @@ def build_ode_peers(case: Case, smoothings: tuple[float, ...]) -> list[Entrant]:
     Returns:
         The entrants.
     """
-
-    def start(smoothing: float) -> Callable[[], OdeRun]:
-        return lambda: OdeRun(case.scene, smoothing)
-
     return [
         Entrant(
             "smooth friction, LSODA",
             0,
-            start(smoothing),
+            partial(OdeRun, case.scene, smoothing),
             f"eps {smoothing:g} of the fastest command; right-hand side compiled, Jacobian banded",
             f"eps {smoothing:.0e}".replace("e-0", "e-"),
             10_000,

@@ -58,7 +58,6 @@ class ConeRun(TickByTick):
             *([clarabel.SecondOrderConeT(3)] * n, settings),
         )
         self.displacement = np.array(scene.start_displacement)
-        self.solves = self.failures = self.steps = 0
 
     def tick(self, target: np.ndarray) -> None:
         """Take one implicit step.

@@ -283,7 +283,6 @@ class QpRun(TickByTick):
         weight = body.stiffness.mean() / body.stiffness
         self.solve = backend.set_up(Problem(weight, forces, *bounds, tolerance, patience=2.0))
         self.quarters = quarters
-        self.solves = self.failures = self.steps = 0
 
     def tick(self, target: np.ndarray) -> None:
         """Take one catch-up step.
