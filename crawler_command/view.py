@@ -31,7 +31,6 @@ from .screen import (
 if TYPE_CHECKING:
     from crawler_model import Scene
     from crawler_pictures.film.film import Film
-    from crawler_ros.recording.recorded_robot import Robot
     from crawler_ros.viewer.frames import Frame
 
 _SUFFIXES = (".mp4", ".gif", ".html")
@@ -113,14 +112,16 @@ def _render(recording: Path, rrd: Path, png: Path, at: float | None, given: tupl
 def read_frames(
     recording: Path, scene: str | None, namespace: str | None, every_ns: int = 0, jumps: bool = True
 ) -> tuple[Scene, Iterable[Frame]]:
-    """Read the frames of a recording, and simulate those between published states.
+    """Read the frames of a recording; where only every n-th state was published, simulate it again to draw the others.
+
+    Where it cannot be simulated again, a line on standard error states why, and the frames are those recorded.
 
     Args:
         recording: a bag folder or an .mcap file.
         scene: the scene that ran, for a recording that does not hold it.
         namespace: namespace of the crawler, where several were recorded.
         every_ns: least time between simulated frames [ns].
-        jumps: whether to find the jumps, by a simulation.
+        jumps: whether to find the jumps on patches of ground or of a body that turns, by a simulation.
 
     Returns:
         The scene and its frames.
@@ -130,59 +131,31 @@ def read_frames(
         SceneError: when the named scene is invalid.
     """
     from crawler_model import load_scene
-    from crawler_ros.replay.analysis import find_jumps
-    from crawler_ros.replay.health import choose_robot, survey_recording
+    from crawler_ros.recording.bag import read_head, recorded_scene
+    from crawler_ros.recording.recorded_robot import noted_robot
+    from crawler_ros.replay.analysis import analyse
+    from crawler_ros.replay.health import choose_robot, published_every, survey_recording
+    from crawler_ros.replay.show.tick_frames import TickFrames
     from crawler_ros.viewer.frames import frames_of_recording
 
     loaded = None if scene is None else load_scene(scene)
     robot = None if namespace is None else choose_robot(survey_recording(recording), namespace)
-    between = simulate_between(recording, every_ns, loaded, robot)
-    if between is not None:
-        return between
-    found = find_jumps(recording, loaded, namespace) if jumps else []
-    return frames_of_recording(recording, loaded, robot, found)
-
-
-def simulate_between(
-    recording: Path, every_ns: int = 0, scene: Scene | None = None, robot: Robot | None = None
-) -> tuple[Scene, list[Frame]] | None:
-    """Simulate a recording again where only every n-th state was published, to draw the motion between these states.
-
-    Args:
-        recording: a bag folder or an .mcap file.
-        every_ns: least time between frames [ns].
-        scene: the scene that ran, for a recording that does not hold it.
-        robot: the crawler, where several were recorded; None for the one whose topics the recording lists.
-
-    Returns:
-        Its scene and its frames; None where the state of every tick was published, or it cannot be simulated again: a
-        line on standard error then states why.
-
-    Raises:
-        BagError: when it cannot be read.
-    """
-    from crawler_ros.recording import bag
-    from crawler_ros.recording.recorded_robot import noted_robot, robot_in
-    from crawler_ros.replay.analysis import analyse
-    from crawler_ros.replay.health import Survey, states_every
-    from crawler_ros.replay.show.tick_frames import TickFrames
-
-    head = bag.read_head(recording)
-    scene = scene or bag.recorded_scene(recording, head.attachments)
-    robot = robot or noted_robot(head.attachments)
-    begun = Survey(recording, head.attachments, head.complete, head.damaged, head.lost, {})
-    every = states_every(begun, robot or robot_in("/"), None)
-    if scene is None or every == 1:
-        return None
-    ticks = TickFrames(scene, every_ns)
-    found = analyse(recording, scene, None if robot is None else robot.namespace, [ticks])
+    attached = read_head(recording).attachments
+    ran, every = loaded or recorded_scene(recording, attached), published_every(attached) or 1
+    jumps = jumps and ran is not None and (ran.ground.track is not None or ran.body.turning is not None)
+    if ran is None or (every == 1 and not jumps):
+        return frames_of_recording(recording, loaded, robot)
+    ticks, one = TickFrames(ran, every_ns), robot or noted_robot(attached)
+    found = analyse(recording, ran, None if one is None else one.namespace, [ticks] if every > 1 else [])
+    if every == 1:
+        return frames_of_recording(recording, loaded, robot, found.table.jumps)
     if not ticks.frames:
         shown = f"drawn from the states of every {every}th tick, with straight lines between them"
         print(f"crawler: {recording}: {found.explanation}; {shown}", file=sys.stderr)
-        return None
+        return frames_of_recording(recording, loaded, robot)
     if found.comparison is None or not found.comparison.equal or found.comparison.stopped:
         print(f"crawler: {recording}: drawn as simulated again: {found.explanation}", file=sys.stderr)
-    return scene, ticks.frames
+    return ran, ticks.frames
 
 
 def animate(

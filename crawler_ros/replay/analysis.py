@@ -11,10 +11,9 @@ from typing import Any
 from crawler_model import Crawler, Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
-from crawler_model.run.trajectory import TimedJump
 
 from ..recording.attachments import other_versions
-from ..recording.bag import BagError, read_head, recorded_scene
+from ..recording.bag import BagError, recorded_scene
 from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
 from ..wire.states import contact_names, station_names
@@ -261,25 +260,6 @@ def simulate_again(path: Path) -> Comparison:
     if compared is None:
         raise BagError(why)
     return compared
-
-
-def find_jumps(path: Path, scene: Scene | None = None, namespace: str | None = None) -> list[tuple[int, TimedJump]]:
-    """Find the jumps of a recording, on patches of ground or of a body that turns, for a picture of it.
-
-    Args:
-        path: a bag folder or an .mcap file.
-        scene: the scene that ran, for a recording that does not hold it.
-        namespace: namespace of the crawler, where several were recorded.
-
-    Returns:
-        The number of the run and each jump; none where nothing can jump or the scene is not known.
-
-    Raises:
-        BagError: when the file is not a recording of a crawler.
-    """
-    scene = scene or recorded_scene(path, read_head(path).attachments)
-    jumps = scene is not None and (scene.ground.track is not None or scene.body.turning is not None)
-    return analyse(path, scene, namespace).table.jumps if jumps else []
 
 
 def _follow(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -193,6 +193,22 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
     return None
 
 
+def published_every(attachments: Mapping[str, Any]) -> int | None:
+    """Read how many ticks lie between the published states, the parameter `publish.every`.
+
+    Args:
+        attachments: attachments of a recording.
+
+    Returns:
+        The number of ticks; None when no parameters are recorded.
+    """
+    parameters = attachments.get("parameters")
+    if not isinstance(parameters, dict):
+        return None
+    every = parameters.get("publish.every")
+    return every if isinstance(every, int) and every > 0 else 1
+
+
 def states_every(survey: Survey, robot: Robot, rate: Fraction | None) -> int:
     """Find how many ticks lie between the states of a recording.
 
@@ -204,10 +220,9 @@ def states_every(survey: Survey, robot: Robot, rate: Fraction | None) -> int:
     Returns:
         The parameter `publish.every`; when no parameters are recorded, the usual number of ticks.
     """
-    parameters = survey.attachments.get("parameters")
-    if isinstance(parameters, dict):
-        every = parameters.get("publish.every")
-        return every if isinstance(every, int) and every > 0 else 1
+    every = published_every(survey.attachments)
+    if every is not None:
+        return every
     states = survey.topics.get(robot.recorded("joint_states"))
     steps = np.diff(states.stamp_ns) if states is not None else np.zeros(0)
     steps = steps[steps > 0]

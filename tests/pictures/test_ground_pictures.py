@@ -22,7 +22,6 @@ from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import list_sections, trace_profile
 from crawler_pictures.run.page import draw_run
 from crawler_ros.replay import analyse
-from crawler_ros.replay.analysis import find_jumps
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
@@ -147,7 +146,7 @@ def test_a_recording_is_drawn_with_the_jumps_of_each_run(tmp_path):
     scene, period = icy(), 2 * 10**9
     sent = [*messages(scene, play(scene, 0, period)), *messages(scene, play(scene, 0, period))]
     bag = write(tmp_path / "bag", sent, attachments(scene))
-    jumps = find_jumps(bag)
+    jumps = analyse(bag).table.jumps
     assert [(run, jump.contact) for run, jump in jumps] == [(0, 1), (0, 0), (1, 1), (1, 0)]
     _, found = frames_of_recording(bag, jumps=jumps)
     at = [(f.time_ns, round(jump.time, 9)) for f in found for jump in f.jumps]
@@ -179,8 +178,8 @@ def test_texts_in_the_figure_of_the_documents_are_not_over_curves():
 
 def test_a_scene_without_ground_is_drawn_as_before(tmp_path):
     bag = record(tmp_path / "bag", "two_anchor_a", 1)
-    assert find_jumps(bag) == []
-    draw_recording(bag, tmp_path / "x.rrd", jumps=find_jumps(bag))
+    assert analyse(bag).table.jumps == []
+    draw_recording(bag, tmp_path / "x.rrd", jumps=analyse(bag).table.jumps)
     assert not [name for name in entities(tmp_path / "x.rrd") if "ground" in name or "jump" in name]
 
 

@@ -12,10 +12,11 @@ pytest.importorskip("rosbags")
 from PIL import Image
 
 from crawler_command.app import main
-from crawler_command.view import read_frames, simulate_between
+from crawler_command.view import read_frames
 from crawler_model import Scene, load_scene
 from crawler_model.body.drive import NS
-from crawler_ros.replay.analysis import find_jumps
+from crawler_ros.recording.bag import BagError
+from crawler_ros.replay.analysis import analyse
 from crawler_ros.viewer.frames import FRAME_EVERY_NS, frames_of_recording, thin
 from crawler_ros.viewer.visualizer import draw_recording
 
@@ -50,10 +51,10 @@ def run(*arguments: object) -> None:
 def test_the_motion_between_published_states_is_drawn(name, tmp_path):
     scene = load_scene(name)
     bag = record(tmp_path / "all", scene, 1)
-    assert simulate_between(bag) is None
+    assert not isinstance(read_frames(bag, None, None)[1], list)  # nothing is simulated
     _, recorded = frames_of_recording(bag)
     few = publish_every(bag, tmp_path / "few", scene)
-    found, again = simulate_between(few)
+    found, again = read_frames(few, None, None)
     assert found.name == name
     assert len(list(read_frames(few, name, "/")[1])) == len(again)
     for one, other in zip(again, recorded, strict=True):
@@ -68,9 +69,9 @@ def test_every_run_between_resets_is_drawn_with_its_jumps(tmp_path):
     scene, period = icy(), 2 * 10**9
     sent = [*messages(scene, play(scene, 0, period)), *messages(scene, play(scene, 0, period))]
     bag = write(tmp_path / "all", sent, attachments(scene))
-    _, recorded = frames_of_recording(bag, jumps=find_jumps(bag))
+    _, recorded = frames_of_recording(bag, jumps=analyse(bag).table.jumps)
     shown = list(thin(recorded))
-    _, again = simulate_between(publish_every(bag, tmp_path / "few", scene), FRAME_EVERY_NS)
+    _, again = read_frames(publish_every(bag, tmp_path / "few", scene), None, None, FRAME_EVERY_NS)
     assert [f.time_ns for f in again] == [f.time_ns for f in shown]
     assert [len(f.jumps) for f in again] == [len(f.jumps) for f in shown]
     times = [[jump.time for f in frames for jump in f.jumps] for frames in (again, shown)]
@@ -102,11 +103,12 @@ def test_where_nothing_can_be_simulated_again_a_line_says_what_is_drawn(tmp_path
     scene = load_scene("two_anchor_a")
     few = publish_every(record(tmp_path / "all", scene, 1), tmp_path / "few", scene)
     states = rewrite(few, tmp_path / "states", lambda name, ns, data: [(name, ns, data)] * (name in STATES), None)
-    assert simulate_between(states) is None  # it does not hold its scene
+    with pytest.raises(BagError, match="does not hold its scene"):
+        read_frames(states, None, None)
     attached = attachments(scene)
     attached["parameters"]["publish.every"] = EVERY
     states = rewrite(few, tmp_path / "again", lambda name, ns, data: [(name, ns, data)] * (name in STATES), attached)
-    assert simulate_between(states) is None
+    assert not isinstance(read_frames(states, None, None)[1], list)
     (line,) = capsys.readouterr().err.splitlines()
     assert "not simulated again: applied_commands, the ledger of the ticks, was not recorded; drawn from" in line
     assert f"the states of every {EVERY}th tick, with straight lines between them" in line

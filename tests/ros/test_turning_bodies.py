@@ -14,7 +14,6 @@ from std_msgs.msg import Float64MultiArray
 from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
-from crawler_ros.replay.analysis import find_jumps
 
 from .graph import graph, seconds
 from .machine import value
@@ -188,7 +187,7 @@ def test_a_jump_is_counted_and_found_again(ros, tmp_path):
     (again,) = found.plain_jumps()
     assert (again["contact"], again["border"]) == ("contact_1", None)
     assert found.energy.jump_loss == pytest.approx(jump.loss, rel=1e-9)
-    assert [jump.contact for _, jump in find_jumps(path)] == [1]
+    assert [jump.contact for _, jump in found.table.jumps] == [1]
 
 
 def test_a_body_that_must_not_jump_rests_and_the_node_goes_on(ros, tmp_path):
