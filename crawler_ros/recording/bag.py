@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mcap.records import Attachment, Channel, Schema
@@ -184,9 +184,8 @@ def _renumbered(block: Block, numbers: Mapping[int, int]) -> Block:
     return dataclasses.replace(block, channel=table[block.channel])
 
 
-@dataclass(frozen=True)
-class Record:
-    """One message: its topic, type, times and bytes, and its channel and schema as recorded."""
+class Record(NamedTuple):
+    """One message: its topic, type, times and bytes, its channel and schema as recorded, and its numbers."""
 
     topic: str
     type: str
@@ -195,6 +194,10 @@ class Record:
     data: bytes
     channel: Channel
     schema: Schema
+    number: int
+    """Of the channel in the recording."""
+    sequence: int
+    """Of the message in the channel."""
 
 
 def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
@@ -212,12 +215,13 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
     """
     bag = Bag({}) if bag is None else bag
     for block in read_blocks(path, bag):
-        columns = (block.channel, block.first, block.size, block.log_ns, block.publish_ns)
-        for number, first, size, log_ns, publish_ns in zip(*(c.tolist() for c in columns), strict=True):
+        columns = (block.channel, block.sequence, block.first, block.size, block.log_ns, block.publish_ns)
+        for number, sequence, first, size, log_ns, publish_ns in zip(*(c.tolist() for c in columns), strict=True):
             if number in bag.channels:
                 channel, schema = bag.channels[number]
                 data = block.data[first : first + size].tobytes()
-                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema)
+                described = channel, schema, number, sequence
+                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, *described)
 
 
 def read_head(path: Path) -> Bag:
@@ -310,16 +314,10 @@ def _copy(path: Path, bag: Bag, writer: BagWriter) -> int:
         writer.add_attachment(attachment)
     channels: dict[int, int] = {}
     count = 0
-    bag = Bag({})
-    for block in read_blocks(path, bag):
-        columns = (block.channel, block.sequence, block.log_ns, block.publish_ns, block.first, block.size)
-        for number, sequence, log_ns, publish_ns, first, size in zip(*(c.tolist() for c in columns), strict=True):
-            if number not in bag.channels:
-                continue
-            if number not in channels:
-                channel, schema = bag.channels[number]
-                channels[number] = writer.add_channel(channel.topic, schema.name, schema.data, channel.metadata)
-            data = block.data[first : first + size].tobytes()
-            writer.write(channels[number], log_ns, publish_ns, data, sequence)
-            count += 1
+    for record in read(path):
+        if record.number not in channels:
+            described = record.schema.data, record.channel.metadata
+            channels[record.number] = writer.add_channel(record.topic, record.type, *described)
+        writer.write(channels[record.number], record.log_ns, record.publish_ns, record.data, record.sequence)
+        count += 1
     return count
