@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from crawler_model import Scene
 from crawler_pictures.colors import FORWARD, JUMP, rgb
@@ -75,32 +77,25 @@ def find_length(scene: Scene) -> float:
 class TrackView:
     """The body on its track: it walks across a page of track, then the page turns."""
 
-    entity = "world"
-
-    def __init__(self, rr: Any, stream: Any, scene: Scene) -> None:
+    def __init__(self, stream: Any, scene: Scene) -> None:
         """Prepare the first page.
 
         Args:
-            rr: the module rerun.
             stream: the recording to log to.
             scene: the scene.
         """
-        self._rr, self._stream, self._scene = rr, stream, scene
+        self._stream, self._scene = stream, scene
         self._shape = Shape(scene)
         self._share, rest = scene.body.station_share, self._shape.rest
         self._middle, self._length = float(self._share @ rest), self._shape.length
         self._window = float(rest.min()) + np.array([-0.6, 3.4]) * self._length
         self._page: int | None = None
-        self._marks = JumpMarks(rr, stream, scene, self._length)
-        self.paved = scene.parts.ground is not None
+        self._marks = JumpMarks(stream, scene, self._length)
+        self._paved = scene.parts.ground is not None
 
-    def build_view(self, rrb: Any) -> Any:
-        """Build the view.
-
-        Args:
-            rrb: the module rerun.blueprint.
-        """
-        below = 0.42 if self.paved else 0.22
+    def build_view(self) -> Any:
+        """Build the view."""
+        below = 0.42 if self._paved else 0.22
         bounds = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * self._length, below * self._length])
         name = f"Crawler on its track{self._shape.note}: green slips forward, red slips back, grey sticks"
         name += self._shape.yields
@@ -126,15 +121,9 @@ class TrackView:
         jumping = np.isin(self._scene.body.stations[shape.chosen], self._marks.contacts)
         for k in np.flatnonzero(jumping).tolist():
             colors[k] = rgb(JUMP)
-        log_body(self._rr, self._stream, shape, points, colors, frame.yields)
-        log_slips(
-            self._rr,
-            self._stream,
-            shape,
-            points - np.array([0.0, 2.2 * shape.radius]),
-            np.column_stack((state, 0 * state)),
-            colors,
-        )
+        log_body(self._stream, shape, points, colors, frame.yields)
+        above, ways = points - np.array([0.0, 2.2 * shape.radius]), np.column_stack((state, 0 * state))
+        log_slips(self._stream, shape, above, ways, colors)
 
     def _turn(self, middle: float) -> float:
         """Draw the page of track around the body's middle; return the position of its origin [m]."""
@@ -143,7 +132,7 @@ class TrackView:
         if page == self._page:
             return origin
         self._page = page
-        rr, depth = self._rr, 0.05 * self._length
+        depth = 0.05 * self._length
         left, right = self._window + origin
         marks = mark_ticks(left, right, round_step(self._length / 3.0))
         at = marks - origin
@@ -158,25 +147,22 @@ class TrackView:
             show_labels=True,
         )
         self._stream.log("world/marks", labels)
-        draw_ground(rr, self._stream, self._scene, self._window + origin, origin, self._length)
+        draw_ground(self._stream, self._scene, self._window + origin, origin, self._length)
         return origin
 
 
 class PlaneView:
     """The body in the plane from above, with the path of every contact and of their mean."""
 
-    entity = "world"
-
-    def __init__(self, rr: Any, stream: Any, scene: Scene, extent: tuple[np.ndarray, np.ndarray] | None) -> None:
+    def __init__(self, stream: Any, scene: Scene, extent: tuple[np.ndarray, np.ndarray] | None) -> None:
         """Choose the part of the plane that is shown first.
 
         Args:
-            rr: the module rerun.
             stream: the recording to log to.
             scene: the scene.
             extent: smallest and largest positions, each shape (2,) [m]; None where they are not known beforehand.
         """
-        self._rr, self._stream, self._scene = rr, stream, scene
+        self._stream, self._scene = stream, scene
         self._shape = Shape(scene)
         self._share = scene.body.station_share
         room = 2.0 if extent is None else 0.35
@@ -187,15 +173,11 @@ class PlaneView:
         self._jumped: dict[int, int] = {}  # contacts that jumped, and when [ns]
         far = float((self._high - self._low).max())
         step = round_step(far / 6.0)
-        draw_grid(rr, stream, "world", self._low, self._high, step, "m")
+        draw_grid(stream, "world", self._low, self._high, step, "m")
 
-    def build_view(self, rrb: Any) -> Any:
-        """Build the view.
-
-        Args:
-            rrb: the module rerun.blueprint.
-        """
-        bounds = bounds_of_grid(rrb, self._low, self._high)
+    def build_view(self) -> Any:
+        """Build the view."""
+        bounds = bounds_of_grid(self._low, self._high)
         directions = (
             "short strokes: directions of friction"
             if len(self._scene.directions)
@@ -221,12 +203,11 @@ class PlaneView:
         self._jumped |= {jump.contact: frame.time_ns for jump in frame.jumps}
         for contact in (i for i, ns in self._jumped.items() if 0 <= frame.time_ns - ns < _JUMP_SHOWN_NS):
             colors = [rgb(JUMP) if chosen == contact else c for c, chosen in zip(colors, shape.chosen, strict=True)]
-        log_body(self._rr, self._stream, shape, points, colors, frame.yields)
+        log_body(self._stream, shape, points, colors, frame.yields)
         moved = np.zeros(points.shape) if self._before is None else points - self._before
         size = np.linalg.norm(moved, axis=1, keepdims=True)
-        log_slips(
-            self._rr, self._stream, shape, points, slides[:, None] * moved / np.where(size > 0.0, size, 1.0), colors
-        )
+        ways = slides[:, None] * moved / np.where(size > 0.0, size, 1.0)
+        log_slips(self._stream, shape, points, ways, colors)
         self._before = points
         self._log_directions(points)
         mean = self._share @ (self._shape.rest + frame.displacement.reshape(self._shape.rest.shape)) * (1.0, -1.0)
@@ -235,10 +216,10 @@ class PlaneView:
             self._kept = [*self._kept, now][-max(_PATH_POINTS // now.shape[0], 20) :]
             paths = np.array(self._kept).transpose(1, 0, 2)
             paths_colors = [*(color_of(i) for i in range(now.shape[0] - 1)), MOVING]
-            radii = [self._rr.Radius.ui_points(1.0)] * (now.shape[0] - 1) + [self._rr.Radius.ui_points(2.0)]
-            drawn = self._rr.LineStrips2D(list(paths), colors=paths_colors, radii=radii, draw_order=-5.0)
+            radii = [rr.Radius.ui_points(1.0)] * (now.shape[0] - 1) + [rr.Radius.ui_points(2.0)]
+            drawn = rr.LineStrips2D(list(paths), colors=paths_colors, radii=radii, draw_order=-5.0)
             self._stream.log("world/paths", drawn)
-        self._stream.log("world/mean", self._rr.Points2D([mean], colors=[MOVING], radii=self._rr.Radius.ui_points(4.0)))
+        self._stream.log("world/mean", rr.Points2D([mean], colors=[MOVING], radii=rr.Radius.ui_points(4.0)))
 
     def _log_directions(self, points: np.ndarray) -> None:
         """Log short strokes along the directions of friction under each contact."""
@@ -252,17 +233,14 @@ class PlaneView:
             strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 3.0 * self._shape.radius)
             lines = list(strokes * (1.0, -1.0))
         color, order = (TEXT, 1.5) if turns else (FAINT, -2.0)
-        self._stream.log(
-            "world/friction",
-            self._rr.LineStrips2D(lines, colors=[color], radii=self._rr.Radius.ui_points(1.5), draw_order=order),
-        )
+        drawn = rr.LineStrips2D(lines, colors=[color], radii=rr.Radius.ui_points(1.5), draw_order=order)
+        self._stream.log("world/friction", drawn)
 
 
-def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
+def log_body(stream: Any, shape: Shape, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
     """Log contacts and springs.
 
     Args:
-        rr: the module rerun.
         stream: the recording to log to.
         shape: what is drawn.
         points: the contacts in the view, shape (K, 2) [m].
@@ -288,11 +266,10 @@ def log_body(rr: Any, stream: Any, shape: Shape, points: np.ndarray, colors: lis
     stream.log("world/links", drawn)
 
 
-def log_slips(rr: Any, stream: Any, shape: Shape, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
+def log_slips(stream: Any, shape: Shape, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
     """Log an arrow at each contact that slides, where there is room for arrows.
 
     Args:
-        rr: the module rerun.
         stream: the recording to log to.
         shape: what is drawn.
         points: where the arrows are, shape (K, 2) [m].

@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.components import LinkAxis
 
 from crawler_model import Scene
 from crawler_model.body.body import Body
@@ -31,16 +34,15 @@ _LOW, _MIDDLE, _HIGH = np.array([[70, 130, 255], [45, 48, 50], [255, 160, 40]])
 class Curves:
     """Logs the panels over time."""
 
-    def __init__(self, rr: Any, stream: Any, scene: Scene, rows: np.ndarray | None = None) -> None:
+    def __init__(self, stream: Any, scene: Scene, rows: np.ndarray | None = None) -> None:
         """Choose the panels, and log what is constant.
 
         Args:
-            rr: the module rerun.
             stream: the recording to log to.
             scene: the scene.
             rows: the command rows of all frames, shape (F, C); None where they are not known beforehand.
         """
-        self._rr, self._stream, self._scene = rr, stream, scene
+        self._stream, self._scene = stream, scene
         body = scene.body
         self._planar, self.bounded = body.dimension == 2, has_stasis_bounds(body)
         self._unsigned = self._planar and body.turning is None  # the tension of a vector spring has a size alone
@@ -57,7 +59,7 @@ class Curves:
         self._log_names(n, links)
 
     def _log_names(self, n: int, links: int) -> None:
-        rr, log = self._rr, self._stream.log
+        log = self._stream.log
         rows = n if self.as_lines else min(n, MOST_ROWS)
         names = self._contacts if rows == n else [f"from {self._contacts[int(i)]}" for i in self._rows[0]]
         log(
@@ -89,7 +91,7 @@ class Curves:
         Args:
             frame: the frame.
         """
-        rr, log = self._rr, self._stream.log
+        log = self._stream.log
         place = self._rest + frame.displacement.reshape(self._rest.shape)
         if self.as_lines:
             values, state = place, frame.state
@@ -126,7 +128,7 @@ class Curves:
         part = np.clip(join_extremes(part[:, None], *self._links), -1.0, 1.0)
         toward = np.where(part > 0.0, _HIGH, _LOW)
         colors = np.rint(_MIDDLE + np.abs(part) * (toward - _MIDDLE)).astype(np.uint8)
-        return self._rr.SeriesLines(colors=colors)
+        return rr.SeriesLines(colors=colors)
 
     def _name_colors(self, columns: list[int]) -> str:
         """Name the colours of a few curves; the viewer names more of them where the pointer is."""
@@ -139,17 +141,12 @@ class Curves:
             listed.append(f"{both if alone else names[k]} {LINE_NAMES[number]}")
         return ": " + ", ".join(listed)
 
-    def build_views(self, rrb: Any) -> tuple[list[Any], list[float], list[Any]]:
+    def build_views(self) -> tuple[list[Any], list[float], list[Any]]:
         """Build the views, whose time axes are linked.
-
-        Args:
-            rrb: the module rerun.blueprint.
 
         Returns:
             The views of the left column with their heights, and those of the right column.
         """
-        from rerun.blueprint.components import LinkAxis
-
         common: dict[str, Any] = {
             "axis_x": rrb.TimeAxis(link=LinkAxis.LinkToGlobal),
             "plot_legend": rrb.PlotLegend(visible=False),

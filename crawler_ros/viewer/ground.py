@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import rerun as rr
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
@@ -20,11 +21,10 @@ _MOST_MARKS = 8
 _PROFILE_COLOR = (110, 110, 110)
 
 
-def draw_ground(rr: Any, stream: Any, scene: Scene, window: np.ndarray, origin: float, length: float) -> None:
+def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, length: float) -> None:
     """Draw the ground of a page of track; nothing for a scene without ground.
 
     Args:
-        rr: the module rerun.
         stream: the recording to log to.
         scene: the scene.
         window: both ends of the page, on the track, shape (2,) [m].
@@ -90,16 +90,15 @@ def _fill(start: float, end: float, depth: float) -> tuple[list[list[list[float]
 class JumpMarks:
     """Marks the contacts that jumped: an arrow over the distance for a fifth of a second, and a line of text."""
 
-    def __init__(self, rr: Any, stream: Any, scene: Scene, length: float) -> None:
+    def __init__(self, stream: Any, scene: Scene, length: float) -> None:
         """Start without marks.
 
         Args:
-            rr: the module rerun.
             stream: the recording to log to.
             scene: the scene.
             length: length of the body [m].
         """
-        self._rr, self._stream, self._length = rr, stream, length
+        self._stream, self._length = stream, length
         self._names = name_every_contact(scene.body)
         self._marked: list[TimedJump] = []
         self._origin = 0.0
@@ -120,7 +119,7 @@ class JumpMarks:
             self._stream.set_time("sim_time", duration=jump.time)
             text = f"{self._names[jump.contact]} jumps {jump.distance:.4g} m from the border at {jump.border:g} m, "
             text += f"{jump.loss:.4g} J lost"
-            self._stream.log("jumps", self._rr.TextLog(text, level="INFO", color=rgb(JUMP)))
+            self._stream.log("jumps", rr.TextLog(text, level="INFO", color=rgb(JUMP)))
             self._marked = [*self._marked, jump][-_MOST_MARKS:]
             self._draw(origin)
 
@@ -139,11 +138,11 @@ class JumpMarks:
     def _draw(self, origin: float) -> None:
         self._origin = origin
         if not self._marked:
-            self._stream.log("world/jumps", self._rr.Clear(recursive=True))
+            self._stream.log("world/jumps", rr.Clear(recursive=True))
             return
         self._stream.log(
             "world/jumps",
-            self._rr.Arrows2D(
+            rr.Arrows2D(
                 origins=[((jump.border or 0.0) - origin, -0.15 * self._length) for jump in self._marked],
                 vectors=[(jump.distance, 0.0) for jump in self._marked],
                 colors=[rgb(JUMP)],
@@ -157,11 +156,11 @@ class JumpMarks:
         distance = {key: sum(jump.distance for jump in parts) for key, parts in whole.items()}
         self._stream.log(
             "world/jumps/text",
-            self._rr.Points2D(
+            rr.Points2D(
                 [((p[0].border or 0.0) + 0.5 * distance[k] - origin, -0.24 * self._length) for k, p in whole.items()],
                 labels=[f"{self._names[key[0]]} jumps {distance[key]:.4g} m" for key in whole],
                 colors=[(235, 235, 235)],
-                radii=self._rr.Radius.ui_points(0.0),
+                radii=rr.Radius.ui_points(0.0),
                 show_labels=True,
             ),
         )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from crawler_pictures.colors import BACK, FORWARD, STALLED, rgb
 from crawler_pictures.film.camera import mark_ticks
@@ -31,11 +33,10 @@ def color_of(number: int) -> tuple[int, int, int]:
     return LINES[number % len(LINES)]
 
 
-def draw_grid(rr: Any, stream: Any, entity: str, low: np.ndarray, high: np.ndarray, step: float, unit: str) -> None:
+def draw_grid(stream: Any, entity: str, low: np.ndarray, high: np.ndarray, step: float, unit: str) -> None:
     """Draw a grid with numbers along its lower and left side, in a view in which y points down.
 
     Args:
-        rr: the module rerun.
         stream: the recording to log to.
         entity: parent of what is logged.
         low: lower left corner, shape (2,).
@@ -59,11 +60,10 @@ def draw_grid(rr: Any, stream: Any, entity: str, low: np.ndarray, high: np.ndarr
     stream.log(f"{entity}/numbers", labels, static=True)
 
 
-def bounds_of_grid(rrb: Any, low: np.ndarray, high: np.ndarray) -> Any:
+def bounds_of_grid(low: np.ndarray, high: np.ndarray) -> Any:
     """Choose the part of a view that shows a grid of `draw_grid` with its numbers.
 
     Args:
-        rrb: the module rerun.blueprint.
         low: lower left corner, shape (2,).
         high: upper right corner, shape (2,).
 

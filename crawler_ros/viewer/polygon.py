@@ -6,6 +6,8 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 
 from crawler_model import Scene
 from crawler_model.theory.stasis import StasisDomain
@@ -21,15 +23,14 @@ _TRAIL = 100
 class PolygonView:
     """The polygon of admissible tensions; its sides are coloured by the direction in which the body moves there."""
 
-    def __init__(self, rr: Any, stream: Any, scene: Scene) -> None:
+    def __init__(self, stream: Any, scene: Scene) -> None:
         """Draw the scale.
 
         Args:
-            rr: the module rerun.
             stream: the recording to log to.
             scene: a chain of three contacts.
         """
-        self._rr, self._stream = rr, stream
+        self._stream = stream
         drive = scene.drive
         domains = [StasisDomain(plus, minus) for plus, minus in zip(drive.forward, drive.backward, strict=True)]
         corners = np.concatenate([domain.vertices() for domain in domains])
@@ -37,17 +38,13 @@ class PolygonView:
         size = float((high - low).max()) or 1.0
         middle = 0.5 * (low + high)
         self._low, self._high = middle - 0.65 * size, middle + 0.65 * size
-        draw_grid(rr, stream, "stasis", self._low, self._high, round_step(size / 4.0), "N")
+        draw_grid(stream, "stasis", self._low, self._high, round_step(size / 4.0), "N")
         self._last = b""
         self._trail: deque[np.ndarray] = deque(maxlen=_TRAIL)
 
-    def build_view(self, rrb: Any) -> Any:
-        """Build the view.
-
-        Args:
-            rrb: the module rerun.blueprint.
-        """
-        bounds = bounds_of_grid(rrb, self._low, self._high)
+    def build_view(self) -> Any:
+        """Build the view."""
+        bounds = bounds_of_grid(self._low, self._high)
         name = "Stasis polygon: tension of link 0 right, of link 1 up [N]; at green sides forward, at red back"
         return rrb.Spatial2DView(origin="stasis", name=name, background=BACKGROUND, visual_bounds=bounds)
 
@@ -57,7 +54,7 @@ class PolygonView:
         Args:
             frame: the frame.
         """
-        rr, bounds = self._rr, np.concatenate((frame.forward, frame.backward)).tobytes()
+        bounds = np.concatenate((frame.forward, frame.backward)).tobytes()
         if bounds != self._last:
             self._last = bounds
             domain = StasisDomain(frame.forward, frame.backward)

@@ -23,11 +23,8 @@ from crawler_model.body.drive import NS
 from crawler_model.run.trajectory import TimedJump
 
 from ..recording.recorded_robot import Robot
-from .body import PlaneView, TrackView
-from .curves import Curves
 from .feed import is_free
 from .frames import Frame, frames_of_recording, in_sequence, read_frames, thin
-from .polygon import PolygonView
 
 Extent = tuple[np.ndarray, np.ndarray]
 
@@ -51,38 +48,42 @@ class Drawing:
                 known beforehand.
             rows: the command rows of all frames, shape (F, C); None likewise.
         """
-        import rerun as rr
+        import rerun as rr  # here and in what draws: `main` reports where it is missing
+
+        from .body import PlaneView, TrackView
+        from .curves import Curves
+        from .polygon import PolygonView
 
         self.stream = rr.RecordingStream(f"crawler: {scene.name}")
         open_sinks(self.stream)
         planar = scene.body.dimension == 2
-        self._body = PlaneView(rr, self.stream, scene, extent) if planar else TrackView(rr, self.stream, scene)
-        self._curves = Curves(rr, self.stream, scene, rows)
+        self._body = PlaneView(self.stream, scene, extent) if planar else TrackView(self.stream, scene)
+        self._curves = Curves(self.stream, scene, rows)
         three = self._curves.bounded and scene.body.stations.size == 3
-        self._polygon = PolygonView(rr, self.stream, scene) if three else None
+        self._polygon = PolygonView(self.stream, scene) if three else None
         self._send_blueprint(scene)
 
     def _send_blueprint(self, scene: Scene) -> None:
         """Arrange the views: the body on top, or to the left in the plane, panels over time, and the polygon."""
         import rerun.blueprint as rrb
 
-        left, heights, right = self._curves.build_views(rrb)
+        left, heights, right = self._curves.build_views()
         shares = [1.0] * len(right)
         if self._polygon is not None:
-            right.append(self._polygon.build_view(rrb))
+            right.append(self._polygon.build_view())
             shares.append(2.0)
         if scene.ground.track is not None:
             right.append(rrb.TextLogView(origin="jumps", name="Jumps onto ground that holds less"))
             shares.append(1.0)
-        body = self._body.build_view(rrb)
+        body = self._body.build_view()
         layout: Any
-        if isinstance(self._body, PlaneView):
+        if scene.body.dimension == 2:
             panels = rrb.Vertical(*left, *right, row_shares=heights + shares)
             layout = rrb.Horizontal(body, panels, column_shares=[1, 1])
         else:
             panels = rrb.Vertical(*left, row_shares=heights)
             below = rrb.Horizontal(panels, rrb.Vertical(*right, row_shares=shares), column_shares=[3, 2])
-            layout = rrb.Vertical(body, below, row_shares=[4 if self._body.paved else 2.4, 9])
+            layout = rrb.Vertical(body, below, row_shares=[4 if scene.parts.ground is not None else 2.4, 9])
         panel = rrb.TimePanel(state="collapsed", timeline="sim_time")
         self.stream.send_blueprint(rrb.Blueprint(layout, panel, collapse_panels=True))
 
