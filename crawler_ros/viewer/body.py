@@ -9,6 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from crawler_model import Scene
+from crawler_model.body.drive import NS
 from crawler_pictures.colors import FORWARD, JUMP, rgb
 from crawler_pictures.film.camera import mark_ticks, round_step
 from crawler_pictures.film.panels import MOST_ARROWS, bows
@@ -28,37 +29,6 @@ _PATH_POINTS, _PATH_STEP = 2000, 0.01
 """Points of all paths in the plane, and the motion in body lengths between two of them."""
 
 
-class Shape:
-    """The contacts and springs that are drawn."""
-
-    def __init__(self, scene: Scene) -> None:
-        """Choose them.
-
-        Args:
-            scene: the scene.
-        """
-        body = scene.body
-        n = body.stations.size
-        self.rest = body.position[body.stations]
-        self.chosen = np.arange(n) if n <= MOST_CONTACTS else np.linspace(0, n - 1, MOST_CONTACTS).astype(np.int64)
-        neighbours = np.column_stack((np.arange(self.chosen.size - 1), np.arange(1, self.chosen.size)))
-        self.joints = body.joints if n <= MOST_CONTACTS else neighbours
-        self.length = find_length(scene)
-        self.planar = body.dimension == 2
-        self.note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
-        self.note += ", of segments the ends" if body.segments else ""
-        limits = body.joint_limits
-        words = [word for state, word in _YIELDS.items() if limits.can_be(state).any() and n <= MOST_CONTACTS]
-        self.yields = f"; links: {', '.join(words)}" if words else ""
-        self.many = self.chosen.size > MOST_ARROWS
-        self.radius = self.length * min(0.045, 0.045 if self.planar else 0.35 / self.chosen.size)
-        self.bows = 0.06 * self.length * bows(self.rest, self.joints) if not self.planar else np.zeros(len(self.joints))
-
-    def place(self, frame: Frame) -> np.ndarray:
-        """Compute the positions of the chosen contacts, shape (K,), in the plane (K, 2) [m]."""
-        return np.asarray((self.rest + frame.displacement.reshape(self.rest.shape))[self.chosen])
-
-
 def find_length(scene: Scene) -> float:
     """Find the length of a body: the largest at rest, at its start and at the waypoints of its drive without friction.
 
@@ -74,7 +44,88 @@ def find_length(scene: Scene) -> float:
     return max(float(np.ptp(body.position + shape, axis=0).max()) for shape in shapes)
 
 
-class TrackView:
+class _View:
+    """What both views draw: contacts and springs, and an arrow at each contact that slides."""
+
+    def __init__(self, stream: Any, scene: Scene) -> None:
+        """Choose the contacts and springs that are drawn.
+
+        Args:
+            stream: the recording to log to.
+            scene: the scene.
+        """
+        self._stream, self._scene, body = stream, scene, scene.body
+        n = body.stations.size
+        self._rest, self._share = body.position[body.stations], body.station_share
+        self._chosen = np.arange(n) if n <= MOST_CONTACTS else np.linspace(0, n - 1, MOST_CONTACTS).astype(np.int64)
+        neighbours = np.column_stack((np.arange(self._chosen.size - 1), np.arange(1, self._chosen.size)))
+        self._joints = body.joints if n <= MOST_CONTACTS else neighbours
+        self._length = find_length(scene)
+        self._planar = body.dimension == 2
+        self._note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
+        self._note += ", of segments the ends" if body.segments else ""
+        limits = body.joint_limits
+        words = [word for state, word in _YIELDS.items() if limits.can_be(state).any() and n <= MOST_CONTACTS]
+        self._yields = f"; links: {', '.join(words)}" if words else ""
+        self._many = self._chosen.size > MOST_ARROWS
+        self._radius = self._length * min(0.045, 0.045 if self._planar else 0.35 / self._chosen.size)
+        flat = np.zeros(len(self._joints))
+        self._bows = flat if self._planar else 0.06 * self._length * bows(self._rest, self._joints)
+
+    def _place(self, frame: Frame) -> np.ndarray:
+        """Compute the positions of the chosen contacts, shape (K,), in the plane (K, 2) [m]."""
+        return np.asarray((self._rest + frame.displacement.reshape(self._rest.shape))[self._chosen])
+
+    def _log_body(self, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
+        """Log contacts and springs.
+
+        Args:
+            points: the contacts in the view, shape (K, 2) [m].
+            colors: of the contacts.
+            yields: of each joint -1 slack, 1 stalled, else 0, shape (J,); empty where no link has limits of tension.
+        """
+        radii = rr.Radius.ui_points(2.5) if self._many else self._radius
+        self._stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
+        springs: Any = points[self._joints]
+        thickness: Any = rr.Radius.ui_points(0.5)
+        states = yields if yields.size == len(springs) else np.zeros(len(springs), np.int8)
+        if not self._many:
+            parts = zip(springs, self._bows, states < 0, strict=True)
+            springs = [
+                _rope(start, end, self._radius, bow) if slack else _spring(start, end, self._radius, bow)
+                for (start, end), bow, slack in parts
+            ]
+            thickness = 0.1 * self._radius
+            if states.any():
+                thickness = thickness * np.array([0.5, 1.0, 2.0])[1 + states]
+        colors = [YIELDS.get(state, color_of(i)) for i, state in enumerate(states.tolist())]
+        drawn = rr.LineStrips2D(springs, colors=colors, radii=thickness, draw_order=1.0)
+        self._stream.log("world/links", drawn)
+
+    def _log_slips(self, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
+        """Log an arrow at each contact that slides, where there is room for arrows.
+
+        Args:
+            points: where the arrows are, shape (K, 2) [m].
+            ways: their directions, 0 for none, shape (K, 2).
+            colors: of the contacts.
+        """
+        if points.shape[0] > MOST_ARROWS:
+            return
+        reach = 0.14 * self._length if self._planar else 2.6 * self._radius
+        slides = np.flatnonzero(np.abs(ways).max(axis=1) > 0.0)
+        start = points[slides] - (0.0 if self._planar else 0.5 * reach * ways[slides])
+        arrows = rr.Arrows2D(
+            origins=start,
+            vectors=reach * ways[slides],
+            colors=[rgb(FORWARD) if self._planar else colors[k] for k in slides.tolist()] or None,
+            radii=0.2 * self._radius,
+            draw_order=5.0,
+        )
+        self._stream.log("world/slips", arrows)
+
+
+class TrackView(_View):
     """The body on its track: it walks across a page of track, then the page turns."""
 
     def __init__(self, stream: Any, scene: Scene) -> None:
@@ -84,11 +135,9 @@ class TrackView:
             stream: the recording to log to.
             scene: the scene.
         """
-        self._stream, self._scene = stream, scene
-        self._shape = Shape(scene)
-        self._share, rest = scene.body.station_share, self._shape.rest
-        self._middle, self._length = float(self._share @ rest), self._shape.length
-        self._window = float(rest.min()) + np.array([-0.6, 3.4]) * self._length
+        super().__init__(stream, scene)
+        self._middle = float(self._share @ self._rest)
+        self._window = float(self._rest.min()) + np.array([-0.6, 3.4]) * self._length
         self._page: int | None = None
         self._marks = JumpMarks(stream, scene, self._length)
         self._paved = scene.parts.ground is not None
@@ -97,33 +146,31 @@ class TrackView:
         """Build the view."""
         below = 0.42 if self._paved else 0.22
         bounds = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * self._length, below * self._length])
-        name = f"Crawler on its track{self._shape.note}: green slips forward, red slips back, grey sticks"
-        name += self._shape.yields
+        name = f"Crawler on its track{self._note}: green slips forward, red slips back, grey sticks"
+        name += self._yields
         return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
 
-    def draw(self, frame: Frame, seconds: float) -> None:
-        """Log a frame.
+    def draw(self, frame: Frame) -> None:
+        """Log a frame at its time, which is set.
 
         Args:
             frame: the frame.
-            seconds: its time [s], which is set.
         """
-        shape, stations = self._shape, self._shape.rest + frame.displacement
-        y = float(self._share @ stations)
+        y = float(self._share @ (self._rest + frame.displacement))
         if frame.jumps:
             self._marks.add(frame.jumps, self._turn(y) if self._page is None else self._page * _PAGE * self._length)
-            self._stream.set_time("sim_time", duration=seconds)
+            self._stream.set_time("sim_time", duration=frame.time_ns / NS)
         origin = self._turn(y)
         self._marks.age(frame.time_ns, origin)
-        place, state = shape.place(frame) - origin, frame.state[shape.chosen]
-        points = np.column_stack((place, np.full(place.size, -shape.radius)))
+        place, state = self._place(frame) - origin, frame.state[self._chosen]
+        points = np.column_stack((place, np.full(place.size, -self._radius)))
         colors = [STATES[int(s)] for s in state]
-        jumping = np.isin(self._scene.body.stations[shape.chosen], self._marks.contacts)
+        jumping = np.isin(self._scene.body.stations[self._chosen], self._marks.contacts)
         for k in np.flatnonzero(jumping).tolist():
             colors[k] = rgb(JUMP)
-        log_body(self._stream, shape, points, colors, frame.yields)
-        above, ways = points - np.array([0.0, 2.2 * shape.radius]), np.column_stack((state, 0 * state))
-        log_slips(self._stream, shape, above, ways, colors)
+        self._log_body(points, colors, frame.yields)
+        above, ways = points - np.array([0.0, 2.2 * self._radius]), np.column_stack((state, 0 * state))
+        self._log_slips(above, ways, colors)
 
     def _turn(self, middle: float) -> float:
         """Draw the page of track around the body's middle; return the position of its origin [m]."""
@@ -151,7 +198,7 @@ class TrackView:
         return origin
 
 
-class PlaneView:
+class PlaneView(_View):
     """The body in the plane from above, with the path of every contact and of their mean."""
 
     def __init__(self, stream: Any, scene: Scene, extent: tuple[np.ndarray, np.ndarray] | None) -> None:
@@ -162,12 +209,10 @@ class PlaneView:
             scene: the scene.
             extent: smallest and largest positions, each shape (2,) [m]; None where they are not known beforehand.
         """
-        self._stream, self._scene = stream, scene
-        self._shape = Shape(scene)
-        self._share = scene.body.station_share
+        super().__init__(stream, scene)
         room = 2.0 if extent is None else 0.35
-        low, high = (self._shape.rest.min(axis=0), self._shape.rest.max(axis=0)) if extent is None else extent
-        self._low, self._high = low - room * self._shape.length, high + room * self._shape.length
+        low, high = (self._rest.min(axis=0), self._rest.max(axis=0)) if extent is None else extent
+        self._low, self._high = low - room * self._length, high + room * self._length
         self._kept: list[np.ndarray] = []
         self._before: np.ndarray | None = None
         self._jumped: dict[int, int] = {}  # contacts that jumped, and when [ns]
@@ -185,34 +230,32 @@ class PlaneView:
         )
         if self._scene.body.turning is not None:
             directions = f"{WORDS}; magenta: jumped"
-        name = f"Crawler from above{self._shape.note}: green slides, grey sticks; white: path of the mean; {directions}"
+        name = f"Crawler from above{self._note}: green slides, grey sticks; white: path of the mean; {directions}"
         return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
 
-    def draw(self, frame: Frame, seconds: float) -> None:
-        """Log a frame.
+    def draw(self, frame: Frame) -> None:
+        """Log a frame at its time, which is set.
 
         Args:
             frame: the frame.
-            seconds: its time [s], which is set.
         """
-        shape = self._shape
-        place = shape.place(frame)
+        place = self._place(frame)
         points = place * (1.0, -1.0)  # y points down in rerun
-        slides = frame.state[shape.chosen] != 0
+        slides = frame.state[self._chosen] != 0
         colors = [STATES[int(s)] for s in slides]
         self._jumped |= {jump.contact: frame.time_ns for jump in frame.jumps}
         for contact in (i for i, ns in self._jumped.items() if 0 <= frame.time_ns - ns < _JUMP_SHOWN_NS):
-            colors = [rgb(JUMP) if chosen == contact else c for c, chosen in zip(colors, shape.chosen, strict=True)]
-        log_body(self._stream, shape, points, colors, frame.yields)
+            colors = [rgb(JUMP) if chosen == contact else c for c, chosen in zip(colors, self._chosen, strict=True)]
+        self._log_body(points, colors, frame.yields)
         moved = np.zeros(points.shape) if self._before is None else points - self._before
         size = np.linalg.norm(moved, axis=1, keepdims=True)
         ways = slides[:, None] * moved / np.where(size > 0.0, size, 1.0)
-        log_slips(self._stream, shape, points, ways, colors)
+        self._log_slips(points, ways, colors)
         self._before = points
         self._log_directions(points)
-        mean = self._share @ (self._shape.rest + frame.displacement.reshape(self._shape.rest.shape)) * (1.0, -1.0)
+        mean = self._share @ (self._rest + frame.displacement.reshape(self._rest.shape)) * (1.0, -1.0)
         now = np.vstack((points[:MOST_ARROWS], mean[None]))
-        if not self._kept or np.abs(now - self._kept[-1]).max() > _PATH_STEP * shape.length:
+        if not self._kept or np.abs(now - self._kept[-1]).max() > _PATH_STEP * self._length:
             self._kept = [*self._kept, now][-max(_PATH_POINTS // now.shape[0], 20) :]
             paths = np.array(self._kept).transpose(1, 0, 2)
             paths_colors = [*(color_of(i) for i in range(now.shape[0] - 1)), MOVING]
@@ -227,68 +270,14 @@ class PlaneView:
         turns = self._scene.body.turning is not None
         if (len(directions) == 0 and not turns) or points.shape[0] > MOST_ARROWS:
             return
-        reach = 2.2 * self._shape.radius * directions * (1.0, -1.0)
+        reach = 2.2 * self._radius * directions * (1.0, -1.0)
         lines: Any = [[p, p + d] for p in points for d in reach]
         if turns:
-            strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 3.0 * self._shape.radius)
+            strokes = friction_strokes(self._scene.body, points * (1.0, -1.0), 3.0 * self._radius)
             lines = list(strokes * (1.0, -1.0))
         color, order = (TEXT, 1.5) if turns else (FAINT, -2.0)
         drawn = rr.LineStrips2D(lines, colors=[color], radii=rr.Radius.ui_points(1.5), draw_order=order)
         self._stream.log("world/friction", drawn)
-
-
-def log_body(stream: Any, shape: Shape, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
-    """Log contacts and springs.
-
-    Args:
-        stream: the recording to log to.
-        shape: what is drawn.
-        points: the contacts in the view, shape (K, 2) [m].
-        colors: of the contacts.
-        yields: of each joint -1 slack, 1 stalled, else 0, shape (J,); empty where no link has limits of tension.
-    """
-    radii = rr.Radius.ui_points(2.5) if shape.many else shape.radius
-    stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
-    springs: Any = points[shape.joints]
-    thickness: Any = rr.Radius.ui_points(0.5)
-    states = yields if yields.size == len(springs) else np.zeros(len(springs), np.int8)
-    if not shape.many:
-        parts = zip(springs, shape.bows, states < 0, strict=True)
-        springs = [
-            _rope(start, end, shape.radius, bow) if slack else _spring(start, end, shape.radius, bow)
-            for (start, end), bow, slack in parts
-        ]
-        thickness = 0.1 * shape.radius
-        if states.any():
-            thickness = thickness * np.array([0.5, 1.0, 2.0])[1 + states]
-    colors = [YIELDS.get(state, color_of(i)) for i, state in enumerate(states.tolist())]
-    drawn = rr.LineStrips2D(springs, colors=colors, radii=thickness, draw_order=1.0)
-    stream.log("world/links", drawn)
-
-
-def log_slips(stream: Any, shape: Shape, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
-    """Log an arrow at each contact that slides, where there is room for arrows.
-
-    Args:
-        stream: the recording to log to.
-        shape: what is drawn.
-        points: where the arrows are, shape (K, 2) [m].
-        ways: their directions, 0 for none, shape (K, 2).
-        colors: of the contacts.
-    """
-    if points.shape[0] > MOST_ARROWS:
-        return
-    reach = 0.14 * shape.length if shape.planar else 2.6 * shape.radius
-    slides = np.flatnonzero(np.abs(ways).max(axis=1) > 0.0)
-    start = points[slides] - (0.0 if shape.planar else 0.5 * reach * ways[slides])
-    arrows = rr.Arrows2D(
-        origins=start,
-        vectors=reach * ways[slides],
-        colors=[rgb(FORWARD) if shape.planar else colors[k] for k in slides.tolist()] or None,
-        radii=0.2 * shape.radius,
-        draw_order=5.0,
-    )
-    stream.log("world/slips", arrows)
 
 
 def _rope(start: np.ndarray, end: np.ndarray, radius: float, bow: float) -> np.ndarray:

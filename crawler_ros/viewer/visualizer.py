@@ -93,9 +93,8 @@ class Drawing:
         Args:
             frame: what to draw.
         """
-        seconds = frame.time_ns / NS
-        self.stream.set_time("sim_time", duration=seconds)
-        self._body.draw(frame, seconds)
+        self.stream.set_time("sim_time", duration=frame.time_ns / NS)
+        self._body.draw(frame)
         self._curves.draw(frame)
         if self._polygon is not None:
             self._polygon.draw(frame)
