@@ -30,8 +30,11 @@ def write_chain(folder: Path, contacts: int) -> Path:
         "body": {"contacts": [round(0.1 * i, 6) for i in range(contacts)], "links": {"stiffness": 10.0}},
         "friction": {"forward": 0.2, "backward": 0.5},
     }
-    path = folder / f"chain_{contacts}.yaml"
-    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    return _write(folder / f"chain_{contacts}.yaml", scene)
+
+
+def _write(path: Path, document: dict[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
     return path
 
 
@@ -49,9 +52,7 @@ def write_segment(folder: Path, accuracy: float) -> Path:
 
     scene = load_scene("continuous_segment").document()
     scene["body"]["segments"][0]["accuracy"] = accuracy
-    path = folder / f"segment_{accuracy:g}.yaml"
-    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-    return path
+    return _write(folder / f"segment_{accuracy:g}.yaml", scene)
 
 
 def write_snake(folder: Path, contacts: int) -> Path:
@@ -64,9 +65,7 @@ def write_snake(folder: Path, contacts: int) -> Path:
     Returns:
         The file.
     """
-    path = folder / f"snake_{contacts}.yaml"
-    path.write_text(yaml.safe_dump(snake_scene(contacts).document()), encoding="utf-8")
-    return path
+    return _write(folder / f"snake_{contacts}.yaml", snake_scene(contacts).document())
 
 
 def swim(domain: Domain, contacts: int) -> None:

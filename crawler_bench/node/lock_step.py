@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import statistics
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
 from .domain import Domain
+from .drives import wave, write_chain
 from .processes import PATIENCE_S
 from .rows import Row, summarise
 from .steps import Steps
@@ -20,31 +19,23 @@ _WARM_UP = 0.2
 
 
 def measure_lock_step(
-    domain: Domain,
-    scene: Path,
-    contacts: int,
-    trips: int,
-    seconds: float,
-    repeats: int,
-    drive: Callable[[], None],
-    steps: Steps,
+    domain: Domain, contacts: int, trips: int, seconds: float, repeats: int, steps: Steps
 ) -> list[Row]:
     """Measure round trips a second with a controller, and ticks a second of a trajectory, in lock-step.
 
     Args:
         domain: domain of the processes.
-        scene: a chain that waits for commands.
-        contacts: number of its contacts N.
+        contacts: number of contacts N.
         trips: number of round trips.
         seconds: duration of the measurement of ticks [s].
         repeats: number of repetitions of both.
-        drive: function that sends a trajectory that lasts long enough.
         steps: the progress.
 
     Returns:
         Medians of the repetitions: a row for an echo, which bounds the round trips, one for the controller, and one for
         the trajectory.
     """
+    scene = write_chain(domain.folder, contacts)
     times: dict[str, list[np.ndarray]] = {"echo": [], "round_trips": []}
     rates: list[float] = []
     with steps.keep():
@@ -57,7 +48,7 @@ def measure_lock_step(
                 times["round_trips"].append(_control(domain, contacts, trips))
             steps("lock-step with a trajectory")
             with domain.simulator(scene, lock_step=True):
-                drive()
+                wave(domain, contacts)
                 rates.append(domain.rate(seconds, driven=True))
     rows: list[Row] = [
         {

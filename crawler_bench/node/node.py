@@ -329,7 +329,6 @@ def measure_node(
     variants, ends = throughput_variants(contacts, quick), sorted({one, contacts[-1]})
     with tempfile.TemporaryDirectory(prefix="crawler_bench_") as folder:
         domain = Domain(Path(folder))
-        scene = write_chain(domain.folder, one)
         compared = choose_features(domain, one, features)
         sizes = {
             "throughput": len(variants) * repeats,
@@ -344,9 +343,7 @@ def measure_node(
         measures: dict[str, Callable[[], list[Row]]] = {
             "throughput": lambda: measure_throughput(domain, variants, seconds, repeats, steps),
             "latency": lambda: measure_latency(domain, one, rates, trials, steps),
-            "lock_step": lambda: measure_lock_step(
-                domain, scene, one, 10 * trials, seconds, repeats, lambda: wave(domain, one), steps
-            ),
+            "lock_step": lambda: measure_lock_step(domain, one, 10 * trials, seconds, repeats, steps),
             "real_time": lambda: measure_real_time(domain, ends, 3.0 * seconds, repeats, steps),
             "turning": lambda: measure_turning(domain, min(contacts[-1], 30), 3.0 * seconds, repeats, steps),
             "start": lambda: measure_start(domain, one, repeats, steps),
