@@ -61,15 +61,12 @@ def _changed(scene: Scene, **more: Any) -> Scene:
     return Scene.model_validate(scene.document() | more)
 
 
+def _five(n: int) -> tuple[float, float]:
+    """The length of five waves along a body [m], and the factor that gives it the same total friction for any N."""
+    return (n - 1) / 5.0, 100.0 / n
+
+
 # -- chains -----------------------------------------------------------------------------------------------------------
-
-
-def _short_waves(n: int) -> tuple[Scene, np.ndarray]:
-    return _sampled(wave_scene(n, 20.0))
-
-
-def _five_waves(n: int) -> tuple[Scene, np.ndarray]:
-    return _sampled(wave_scene(n, (n - 1) / 5.0, 100.0 / n))
 
 
 def _wide(n: int) -> tuple[Scene, np.ndarray]:
@@ -89,15 +86,10 @@ def _random_loads(n: int) -> tuple[Scene, np.ndarray]:
     return _from_start(_chain("random", n), widths * (_FRICTION["forward"] + _FRICTION["backward"]))
 
 
-def _alternating(at_end: float | None) -> Callable[[int], tuple[Scene, np.ndarray]]:
-    """A load that alternates in sign and grows with the power 1.5 of the place; to `at_end` [N], if it is given."""
-
-    def build(n: int) -> tuple[Scene, np.ndarray]:
-        i = np.arange(n - 1)
-        size = 1e-3 if at_end is None else at_end / n**1.5
-        return _there_and_back(_chain("alternating", n), size * (-1.0) ** i * i**1.5)
-
-    return build
+def _alternating(n: int, size: float) -> tuple[Scene, np.ndarray]:
+    """A load that alternates in sign and grows with the power 1.5 of the place, from `size` [N] on."""
+    i = np.arange(n - 1)
+    return _there_and_back(_chain("alternating", n), size * (-1.0) ** i * i**1.5)
 
 
 def _friction_waves(n: int, wavelength: float, ground: float) -> tuple[Scene, np.ndarray]:
@@ -107,26 +99,10 @@ def _friction_waves(n: int, wavelength: float, ground: float) -> tuple[Scene, np
     return _sampled(_changed(scene, drive=drive, start="relaxed"))
 
 
-def _short_friction_waves(n: int) -> tuple[Scene, np.ndarray]:
-    return _friction_waves(n, 20.0, 1.0)
-
-
-def _five_friction_waves(n: int) -> tuple[Scene, np.ndarray]:
-    return _friction_waves(n, (n - 1) / 5.0, 100.0 / n)
-
-
 def _patches(n: int, count: int) -> tuple[Scene, np.ndarray]:
     length = n / count
     patches = [{"from": (k + 0.3) * length, "to": (k + 0.8) * length, "friction": 0.6} for k in range(count)]
     return _sampled(_changed(wave_scene(n, 20.0), ground={"patches": patches}))
-
-
-def _eleven_patches(n: int) -> tuple[Scene, np.ndarray]:
-    return _patches(n, 11)
-
-
-def _many_patches(n: int) -> tuple[Scene, np.ndarray]:
-    return _patches(n, n // 17)
 
 
 # -- segments ---------------------------------------------------------------------------------------------------------
@@ -136,12 +112,9 @@ def _segment(elements: int) -> dict[str, Any]:
     return {"name": "s", "from": 0, "to": 1, "stiffness": 1.0, "elements": elements, "friction": _FRICTION}
 
 
-def _stretched(part: float) -> Callable[[int], tuple[Scene, np.ndarray]]:
-    def build(n: int) -> tuple[Scene, np.ndarray]:
-        scene = Scene.model_validate({"name": "stretched", "body": {"segments": [_segment(n - 1)]}})
-        return _there_and_back(scene, np.full(n - 1, part / (n - 1)))
-
-    return build
+def _stretched(n: int, part: float) -> tuple[Scene, np.ndarray]:
+    scene = Scene.model_validate({"name": "stretched", "body": {"segments": [_segment(n - 1)]}})
+    return _there_and_back(scene, np.full(n - 1, part / (n - 1)))
 
 
 def _segment_waves(n: int) -> tuple[Scene, np.ndarray]:
@@ -174,25 +147,19 @@ def _grid(n: int) -> tuple[Scene, np.ndarray]:
 # -- the plane --------------------------------------------------------------------------------------------------------
 
 
-def _planar_waves(friction: dict[str, Any], waves: float | None) -> Callable[[int], tuple[Scene, np.ndarray]]:
-    """Waves of 20 links, or so many along the body, that turn the rest vectors of a chain in the plane."""
-
-    def build(n: int) -> tuple[Scene, np.ndarray]:
-        wavelength, ground = (20.0, 1.0) if waves is None else ((n - 1) / waves, 100.0 / n)
-        times = np.arange(_TICKS + 1) / _TICKS
-        turned = 2.0 * np.pi * (times[:, None] - (np.arange(n - 1) + 0.5) / wavelength)
-        lengths = np.stack((np.sin(turned), 0.5 * np.cos(turned)), axis=2)
-        lengths[-1] = lengths[0]
-        document: dict[str, Any] = {"name": "planar", "dimension": 2, "start": "relaxed"}
-        document["body"] = {"contacts": [[i, 0] for i in range(n)], "links": {"stiffness": 1.0}}
-        document["friction"] = {
-            key: value if key == "directions" else (ground * np.array(value)).tolist()
-            for key, value in friction.items()
-        }
-        document["drive"] = {"times": times.tolist(), "period": 1.0, "actuation": lengths.tolist()}
-        return _sampled(Scene.model_validate(document))
-
-    return build
+def _planar_waves(n: int, friction: dict[str, Any], wavelength: float, ground: float) -> tuple[Scene, np.ndarray]:
+    """Waves that turn the rest vectors of a chain in the plane; `ground` is a factor of the friction."""
+    times = np.arange(_TICKS + 1) / _TICKS
+    turned = 2.0 * np.pi * (times[:, None] - (np.arange(n - 1) + 0.5) / wavelength)
+    lengths = np.stack((np.sin(turned), 0.5 * np.cos(turned)), axis=2)
+    lengths[-1] = lengths[0]
+    document: dict[str, Any] = {"name": "planar", "dimension": 2, "start": "relaxed"}
+    document["body"] = {"contacts": [[i, 0] for i in range(n)], "links": {"stiffness": 1.0}}
+    document["friction"] = {
+        key: value if key == "directions" else (ground * np.array(value)).tolist() for key, value in friction.items()
+    }
+    document["drive"] = {"times": times.tolist(), "period": 1.0, "actuation": lengths.tolist()}
+    return _sampled(Scene.model_validate(document))
 
 
 _DISC = {"isotropic": 0.2}
@@ -201,23 +168,27 @@ _PLANE: dict[str, Any] = {"sizes": (10, 100, 300, *_LINE), "methods": ("catch_up
 
 
 DRIVES: dict[str, GrowthDrive] = {
-    "waves of 20 links": GrowthDrive(_short_waves),
-    "five waves": GrowthDrive(_five_waves),
+    "waves of 20 links": GrowthDrive(lambda n: _sampled(wave_scene(n, 20.0))),
+    "five waves": GrowthDrive(lambda n: _sampled(wave_scene(n, *_five(n)))),
     "stiffness over six decades": GrowthDrive(_wide),
     "one link moves": GrowthDrive(_one_link),
     "random loads": GrowthDrive(_random_loads),
-    "alternating load": GrowthDrive(_alternating(None)),
-    "alternating load up to 1 kN": GrowthDrive(_alternating(1e3)),
-    "friction waves of 14 links": GrowthDrive(_short_friction_waves),
-    "seven friction waves": GrowthDrive(_five_friction_waves),
-    "eleven patches": GrowthDrive(_eleven_patches, methods=("exact",)),
-    "a patch for 17 contacts": GrowthDrive(_many_patches, methods=("exact",)),
-    "stretched by 2 %": GrowthDrive(_stretched(0.02)),
-    "stretched by 50 %": GrowthDrive(_stretched(0.5)),
+    "alternating load": GrowthDrive(lambda n: _alternating(n, 1e-3)),
+    "alternating load up to 1 kN": GrowthDrive(lambda n: _alternating(n, 1e3 / n**1.5)),
+    "friction waves of 14 links": GrowthDrive(lambda n: _friction_waves(n, 20.0, 1.0)),
+    "seven friction waves": GrowthDrive(lambda n: _friction_waves(n, *_five(n))),
+    "eleven patches": GrowthDrive(lambda n: _patches(n, 11), methods=("exact",)),
+    "a patch for 17 contacts": GrowthDrive(lambda n: _patches(n, n // 17), methods=("exact",)),
+    "stretched by 2 %": GrowthDrive(lambda n: _stretched(n, 0.02)),
+    "stretched by 50 %": GrowthDrive(lambda n: _stretched(n, 0.5)),
     "five waves of strain": GrowthDrive(_segment_waves),
     "ring of a segment and a foot": GrowthDrive(_hybrid, (100, 300, *_LINE)),
     "grid of springs": GrowthDrive(_grid, (100, 400, 900, 2_500, 10_000, 30_276, 99_856)),
-    "plane, waves of 20 links": GrowthDrive(_planar_waves(_DISC, None), **_PLANE),
-    "plane, waves of 20 links, friction by directions": GrowthDrive(_planar_waves(_POLYGON, None), **_PLANE),
-    "plane, five waves": GrowthDrive(_planar_waves(_DISC, 5.0), (30, 100, 300, 1_000, 3_000), ("catch_up",)),
+    "plane, waves of 20 links": GrowthDrive(lambda n: _planar_waves(n, _DISC, 20.0, 1.0), **_PLANE),
+    "plane, waves of 20 links, friction by directions": GrowthDrive(
+        lambda n: _planar_waves(n, _POLYGON, 20.0, 1.0), **_PLANE
+    ),
+    "plane, five waves": GrowthDrive(
+        lambda n: _planar_waves(n, _DISC, *_five(n)), (30, 100, 300, 1_000, 3_000), ("catch_up",)
+    ),
 }
