@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
@@ -24,63 +24,59 @@ _RATE, _PERIOD, _CYCLES, _WAYPOINTS = 50.0, 2.0, 8, 8
 _SPACING, _STIFFNESS, _STROKE = 0.1, 20.0, 0.05
 _FRICTION = (0.1, 0.6)
 _OFF = 0.3
-_WHITE, _TRACKED, _PIXEL, _LAG = 2e-4, 2.3e-4, 5e-4, 0.02
+_WHITE, _TRACKED, _MEMORY, _PIXEL, _LAG = 2e-4, 2.3e-4, 0.9, 5e-4, 0.02
 KEYS = ("friction.forward", "friction.backward")
 
 
-def _white(rng: np.random.Generator, shape: tuple[int, ...], size: float = _WHITE) -> np.ndarray:
-    return size * rng.normal(size=shape)
+def _white(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
+    return _WHITE * rng.normal(size=y.shape)
 
 
-def _tracked(rng: np.random.Generator, shape: tuple[int, ...], memory: float = 0.9) -> np.ndarray:
+def _tracked(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
     """Noise of a tracker's filter, AR(1), shape (T, N)."""
-    found = _TRACKED * rng.normal(size=shape)
-    for k in range(1, shape[0]):
-        found[k] = memory * found[k - 1] + np.sqrt(1.0 - memory**2) * found[k]
+    found = _TRACKED * rng.normal(size=y.shape)
+    for k in range(1, y.shape[0]):
+        found[k] = _MEMORY * found[k - 1] + np.sqrt(1.0 - _MEMORY**2) * found[k]
     return found
 
 
-def _rounded(values: np.ndarray, step: float = _PIXEL, shift: float = 0.0) -> np.ndarray:
-    return step * np.rint((values + shift) / step) - shift
+def _rounded(y: np.ndarray, shift: float = 0.0) -> np.ndarray:
+    return _PIXEL * np.rint((y + shift) / _PIXEL) - shift
 
 
-def _walked(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    return np.cumsum(rng.normal(size=shape), axis=0) * 1e-3 / np.sqrt(shape[0]) + _white(rng, shape)
+def _drifted(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
+    return y + np.linspace(-0.5, 0.5, y.shape[0])[:, None] * rng.normal(0.0, 2e-3, y.shape[1]) + _white(rng, y)
 
 
-def _spoil(kind: str, rng: np.random.Generator, x: np.ndarray) -> np.ndarray:
-    """Measure positions, shape (T, N) [m], as a sensor of some kind."""
-    shape = x.shape
-    y = x + rng.uniform(-0.01, 0.01, shape[1])
-    part = np.linspace(-0.5, 0.5, shape[0])[:, None]
-    if kind == "pixels":
-        return _rounded(y, shift=float(rng.uniform(0.0, _PIXEL)))
-    if kind == "tracker, AR(0.9)":
-        return np.asarray(y + _tracked(rng, shape))
-    if kind == "pixels, tracker, lag":
-        return _rounded(y + _tracked(rng, shape))
-    if kind == "linear drift":
-        return np.asarray(y + part * rng.normal(0.0, 2e-3, shape[1]) + _white(rng, shape))
-    if kind == "random-walk drift":
-        return np.asarray(y + _walked(rng, shape))
-    if kind == "1 % outliers":
-        return np.asarray(y + _white(rng, shape) + np.where(rng.random(shape) < 0.01, rng.normal(0, 0.02, shape), 0.0))
-    if kind == "unequal noise":
-        return np.asarray(y + _white(rng, shape) * rng.uniform(0.3, 3.0, shape[1]))
-    if kind == "scale":
-        return np.asarray(y * (1.0 + rng.normal(0.0, 3e-3)) + _white(rng, shape))
-    if kind == "dropped frames":
-        lost = np.logical_or(rng.random(shape) < 0.05, rng.random((shape[0], 1)) < 0.1)
-        return np.where(lost, np.nan, y + _white(rng, shape))
-    if kind == "nine digits":
-        return np.asarray(np.round(y, 9))
-    return np.asarray(y + _white(rng, shape))
+def _walked(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
+    return y + (np.cumsum(rng.normal(size=y.shape), axis=0) * 1e-3 / np.sqrt(y.shape[0]) + _white(rng, y))
 
 
-KINDS = (
-    *("white", "pixels", "tracker, AR(0.9)", "lag", "pixels, tracker, lag", "linear drift", "random-walk drift"),
-    *("1 % outliers", "unequal noise", "scale", "dropped frames", "nine digits"),
-)
+def _with_outliers(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
+    return y + _white(rng, y) + np.where(rng.random(y.shape) < 0.01, rng.normal(0, 0.02, y.shape), 0.0)
+
+
+def _with_gaps(rng: np.random.Generator, y: np.ndarray) -> np.ndarray:
+    lost = np.logical_or(rng.random(y.shape) < 0.05, rng.random((y.shape[0], 1)) < 0.1)
+    return np.where(lost, np.nan, y + _white(rng, y))
+
+
+_SENSORS: dict[str, Callable[[np.random.Generator, np.ndarray], np.ndarray]] = {
+    "white": lambda rng, y: y + _white(rng, y),
+    "pixels": lambda rng, y: _rounded(y, float(rng.uniform(0.0, _PIXEL))),
+    "tracker, AR(0.9)": lambda rng, y: y + _tracked(rng, y),
+    "lag": lambda rng, y: y + _white(rng, y),
+    "pixels, tracker, lag": lambda rng, y: _rounded(y + _tracked(rng, y)),
+    "linear drift": _drifted,
+    "random-walk drift": _walked,
+    "1 % outliers": _with_outliers,
+    "unequal noise": lambda rng, y: y + _white(rng, y) * rng.uniform(0.3, 3.0, y.shape[1]),
+    "scale": lambda rng, y: y * (1.0 + rng.normal(0.0, 3e-3)) + _white(rng, y),
+    "dropped frames": _with_gaps,
+    "nine digits": lambda rng, y: np.round(y, 9),
+}
+"""What each kind of sensor measures, shape (T, N) [m], of positions of the same shape."""
+KINDS = tuple(_SENSORS)
 
 
 def build_robot(seed: int) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
@@ -122,8 +118,8 @@ def measure_robot(seed: int, kind: str) -> tuple[dict[str, Any], Measurements]:
     document, times, rows = build_robot(seed)
     scene = Scene.model_validate(document | {"drive": {"times": times.tolist(), "actuation": rows.tolist()}})
     run = simulate(scene, float(times[-1]), _RATE)
-    x = scene.body.position + run.displacement
-    values = _spoil(kind, np.random.default_rng([seed, KINDS.index(kind)]), x)
+    x, rng = scene.body.position + run.displacement, np.random.default_rng([seed, KINDS.index(kind)])
+    values = _SENSORS[kind](rng, x + rng.uniform(-0.01, 0.01, x.shape[1]))
     names = tuple(f"contact_{i}" for i in range(x.shape[1]))
     commanded = tuple(f"link_{j}" for j in range(rows.shape[1]))
     shown = run.time + (_LAG if "lag" in kind else 0.0)
@@ -184,23 +180,20 @@ def identify_robot(seed: int, kind: str, seconds: float = 10.0) -> dict[str, Any
     }
 
 
-def measure_coverage(
-    robots: int, progress: Callable[[float], None], kinds: Sequence[str] = KINDS
-) -> list[dict[str, Any]]:
+def measure_coverage(robots: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
     """Identify many robots under each kind of sensor, in as many processes as there are cores.
 
     Args:
         robots: their number.
         progress: called with the completed part, in [0, 1].
-        kinds: of the sensors.
 
     Returns:
         A row for each kind: number of robots and of intervals called identified, how many of these contain the truth
         [%], the median half width relative to the value [%], the largest misfit in units of the noise, how many robots
         fit, and the median and 90 % quantile of the time [s].
     """
-    tasks = [(seed, kind) for kind in kinds for seed in range(robots)]
-    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
+    tasks = [(seed, kind) for kind in KINDS for seed in range(robots)]
+    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
         for done, row in enumerate(pool.map(identify_robot, *zip(*tasks, strict=True)), 1):
             found[row["kind"]].append(row)
