@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from .node.rows import Row
 from .ratios import compute_ratios
@@ -58,11 +58,9 @@ def print_report(bench: BenchResult, screen: Console) -> None:
     """
     for name, title in bench.titles.items():
         rows = [row for row in bench.rows if row["case"] == name]
-        table = Table(title=f"{name}: {title}", title_justify="left")
-        table.add_column("method")
-        for column in ("ticks per period", "time per tick", "range", "time per period", "error"):
-            table.add_column(column, justify="right")
-        table.add_column("")
+        names = ("ticks per period", "time per tick", "range", "time per period", "error")
+        numbers = (Column(header, justify="right") for header in names)
+        table = Table("method", *numbers, "", title=f"{name}: {title}", title_justify="left")
         for row in rows:
             low, high = row["spread_us_per_tick"] or (None, None)
             spread = f"{write_time(low)} .. {write_time(high)}" if low is not None else ""
@@ -79,10 +77,8 @@ def print_report(bench: BenchResult, screen: Console) -> None:
         screen.print(f"left out: {', '.join(left)} on {cases}: {reason}")
     ratios = compute_ratios(bench.rows)
     if ratios:
-        table = Table(title="ratios within this run", title_justify="left")
-        table.add_column("what")
-        table.add_column("measured", justify="right")
-        table.add_column("aim", justify="right")
+        numbers = (Column(header, justify="right") for header in ("measured", "aim"))
+        table = Table("what", *numbers, title="ratios within this run", title_justify="left")
         for ratio in ratios:
             table.add_row(ratio["what"], f"{ratio['value']:.3g}", ratio["aim"])
         screen.print(table)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
+from rich.table import Column, Table
 
 from crawler_model import CrawlerError
 from crawler_model.run.ticks import RATE
@@ -156,11 +156,10 @@ def simulate_command(
 
 def _print_translation(run: Trajectory, rate: float) -> None:
     """Print the net translation at each waypoint, of long drives at the first and the last ones."""
-    table = Table(title=f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz", title_justify="left")
     periods = run.per_period.size > 0
-    table.add_column("time [s]", justify="right")
-    table.add_column("net translation [m]", justify="right")
-    table.add_column("gained in the period [m]" if periods else "gained [m]", justify="right")
+    names = ("time [s]", "net translation [m]", "gained in the period [m]" if periods else "gained [m]")
+    title = f"{run.scene.name}: {run.method}, {run.ticks} ticks at {rate:g} Hz"
+    table = Table(*(Column(name, justify="right") for name in names), title=title, title_justify="left")
 
     y, error = run.waypoint_net_translation, error_of(run.scene)
     size = float(abs(run.displacement).max()) + float(abs(run.scene.drive.actuation).max())

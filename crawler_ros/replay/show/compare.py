@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
@@ -276,9 +276,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         )
     if found.unpaired:
         screen.print(found.unpaired)
-    table = Table()
-    for column in ("", "A", "B", "B - A"):
-        table.add_column(column, justify="right")
+    table = Table(*(Column(name, justify="right") for name in ("", "A", "B", "B - A")))
     if abs(one.seconds - two.seconds) > 1e-6:
         screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")
     size = max(one.table.size, two.table.size)
@@ -315,11 +313,10 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
         screen: the console to print to.
     """
     first = found[0].first
-    table = Table(title=f"{len(found) + 1} runs, each compared with {first.path.name}", title_justify="left")
-    table.add_column("run", no_wrap=True)
+    title = f"{len(found) + 1} runs, each compared with {first.path.name}"
     columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
-    for column in (*columns, "cycles paired"):
-        table.add_column(column, justify="right")
+    numbers = (Column(name, justify="right") for name in (*columns, "cycles paired"))
+    table = Table(Column("run", no_wrap=True), *numbers, title=title, title_justify="left")
     size = max(run.table.size for run in (first, *(c.second for c in found)))
     for run, compared in ((first, None), *((c.second, c) for c in found)):
         y = run.table.net_translation

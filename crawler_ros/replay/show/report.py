@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from crawler_model.body.drive import NS
 from crawler_pictures.numbers import write_length, write_stability
@@ -50,10 +50,8 @@ def print_replay(replay: Replay, screen: Console) -> None:
 
 
 def _topics(topics: dict[str, TopicHealth]) -> Table:
-    table = Table()
-    table.add_column("topic", no_wrap=True)
-    for column in ("messages", "per second", "stamps [s]", "missing", "out of order"):
-        table.add_column(column, justify="right")
+    names = ("messages", "per second", "stamps [s]", "missing", "out of order")
+    table = Table(Column("topic", no_wrap=True), *(Column(name, justify="right") for name in names))
     for name, topic in topics.items():
         stamps = "" if topic.first is None or topic.last is None else f"{topic.first:g} .. {topic.last:g}"
         wrong = [f"{topic.out_of_order} back"] * bool(topic.out_of_order)
@@ -71,14 +69,13 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
         return
     transient = sum(c.transient for c in cycles)
     source = "the drive's periods" if replay.cycle_source == "drive" else "by recurrence of the commands"
-    table = Table(title=f"{len(cycles)} cycle(s), {source}; {transient} transient", title_justify="left")
     known = cycles[0].energy is not None
     turns = cycles[0].turned is not None
     columns = ["time [s]", "translation [m]", *["turned [rad]"] * turns, "slip forward [m]", "slip back [m]"]
     columns += ["work [J]", "dissipation [J]", "residual", "least margin [N]"] if known else []
     columns += [""] if transient else []
-    for column in columns:
-        table.add_column(column, justify="right")
+    title = f"{len(cycles)} cycle(s), {source}; {transient} transient"
+    table = Table(*(Column(name, justify="right") for name in columns), title=title, title_justify="left")
     count = len(cycles)
     rows = list(range(count))
     if count > _MOST_CYCLES:

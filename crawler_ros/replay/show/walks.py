@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from crawler_model import CrawlerError, Scene, simulate
 from crawler_model.body.drive import NS
@@ -169,11 +169,9 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
         A row for each run.
     """
     first = walks[0]
-    table = Table(title=f"the last cycle of each run; difference from {first.name}", title_justify="left")
-    table.add_column("run")
+    title = f"the last cycle of each run; difference from {first.name}"
     columns = ("cycles", "cycle [s]", "translation [m]", "difference [m]", "speed [m/s]", "work [J]", "dissipation [J]")
-    for column in columns:
-        table.add_column(column, justify="right")
+    table = Table("run", *(Column(name, justify="right") for name in columns), title=title, title_justify="left")
     size = max(walk.size for walk in walks)
     for walk in walks:
         gain, cycle = walk.gains[-1], walk.cycle_s
