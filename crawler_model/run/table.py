@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ..body.body import Body
+from ..body.columns import Columns
 from ..body.drive import NS
 from ..body.names import name_every_contact, name_every_spring
 from ..body.plan import Plan
@@ -86,6 +87,22 @@ def _name_torques(body: Body) -> _Group:
     return _Group("tension", tuple(each), ("N",) * links + ("N m",) * joints)
 
 
+def unit_of_command(columns: Columns, column: int) -> str:
+    """Find the unit of a column of command rows.
+
+    Args:
+        columns: the layout of the rows.
+        column: index of the column.
+
+    Returns:
+        Its unit; "1" for strain.
+    """
+    segment = any(columns.names[column].split("/")[0] == name for name, _, _ in columns.segments)
+    if columns.kind(column) == "actuation":
+        return "1" if segment else "rad" if column >= columns.links and columns.joints is not None else "m"
+    return "N/m" if segment else "N"
+
+
 @dataclass(frozen=True, eq=False)
 class TrajectoryColumns:
     """The columns of `Trajectory.to_table` for a scene, in their order.
@@ -146,7 +163,9 @@ class TrajectoryColumns:
             group("time", ["time"], "s"),
             group("position", positions, "m"),
             group("elongation", [segment.name for segment in body.segments], "m"),
-            _Group("commands", commands, tuple(self._command_unit(int(column)) for column in self.commanded)),
+            _Group(
+                "commands", commands, tuple(unit_of_command(scene.columns, int(column)) for column in self.commanded)
+            ),
             group("velocity", each(contacts, "velocity"), "m/s"),
             group("state", [f"{contact}/state" for contact in contacts], "1"),
             group("ground_force", each(contacts, "ground_force"), "N"),
@@ -165,13 +184,6 @@ class TrajectoryColumns:
                     f"to_table: the segment {segment.name} has the name of a column of the table; rename it"
                 )
         return found
-
-    def _command_unit(self, column: int) -> str:
-        columns = self.scene.columns
-        segment = any(columns.names[column].split("/")[0] == name for name, _, _ in columns.segments)
-        if columns.kind(column) == "actuation":
-            return "1" if segment else "rad" if column >= columns.links and columns.joints is not None else "m"
-        return "N/m" if segment else "N"
 
     def build_schema(self, run: Ran) -> Any:
         """Build the Arrow schema of the table of a run.

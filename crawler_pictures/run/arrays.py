@@ -160,9 +160,12 @@ def sort_commands(columns: Columns, rows: np.ndarray) -> tuple[Commands, ...]:
             what = "friction of segments" if unit == "N/m" and alone else "friction"
             table = np.column_stack([curve for _, curve in curves])
             kinds.append(Commands(what, unit, tuple(name for name, _ in curves), table))
-    if columns.loads:
-        first = lengths + columns.frictions
-        kinds.append(Commands("load", "N", tuple(n.removesuffix("/load") for n in names[first:]), rows[:, first:]))
+    first = lengths + columns.frictions
+    divided = first + int(columns.load_sizes[: columns.contacts].sum())
+    for unit, at in (("N", range(first, min(divided, columns.count))), ("N/m", range(divided, columns.count))):
+        if at:
+            what = "load of segments" if unit == "N/m" and columns.contacts else "load"
+            kinds.append(Commands(what, unit, tuple(names[k].removesuffix("/load") for k in at), rows[:, at]))
     return tuple(part for kind in kinds for part in _split_components(kind))
 
 

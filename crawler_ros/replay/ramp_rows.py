@@ -139,8 +139,9 @@ class RampRows:
         # a contact that reaches its bound as a ramp ends may move by rounding: that is not a slip
         noise = _NOISE * max(float(np.abs(shape).max(initial=0.0)), float(np.ptp(body.position, axis=0).max()))
         gained = np.where(np.abs(gained) > noise, gained, 0.0)
-        gained[:, body.share == 0.0] = 0.0  # points that do not touch the ground
-        forward, backward = self._parts.slid(gained if body.turning is None else to_frame(body, x, gained))
+        slid = gained.copy()
+        slid[:, body.share == 0.0] = 0.0  # points that do not touch the ground
+        forward, backward = self._parts.slid(slid if body.turning is None else to_frame(body, x, slid))
         return Piece(
             run=np.array(self.run, np.int64),
             start_ns=np.array(self.start_ns, np.int64),
@@ -149,7 +150,7 @@ class RampRows:
             command=np.array(self._commands),
             position=(body.position + x)[:, shown],
             gained=gained[:, shown],
-            station_gained=gained[:, self._parts.stations],
+            station_gained=slid[:, self._parts.stations],
             forward=forward,
             backward=backward,
             ground=ground[:, shown],

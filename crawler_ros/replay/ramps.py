@@ -29,7 +29,8 @@ class Piece:
         command: the command row in force at its end, shape (R, C); C = 0 where no command is known.
         position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
         gained: displacement of each shown contact in the ramp, likewise [m].
-        station_gained: displacement of each station of the body, shape (R, Q), in the plane (R, Q, 2) [m].
+        station_gained: distance that each station of the body slides, shape (R, Q), in the plane (R, Q, 2) [m]; 0 for a
+            point that does not touch the ground.
         forward: how far the body slid forward (`parts.Parts.slid`), shape (R,) [m].
         backward: the same backward, likewise.
         ground: force of the ground on each shown contact, -(g + f), shaped as `position` [N].

@@ -13,6 +13,7 @@ from crawler_model import Scene
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
 from crawler_model.body.turning import measure_angles, wrap
+from crawler_model.run.table import unit_of_command
 from crawler_model.theory.stasis import stasis_bounds
 from crawler_pictures.ground import has_stasis_bounds
 from crawler_pictures.run.forces import MOST_BANDS
@@ -188,7 +189,7 @@ class Curves:
         if body_turns(self._scene):
             right.append(rrb.TimeSeriesView(origin="yaw", name="Yaw [rad]", **common))
         for kind, columns in self.commands.items():
-            unit = {"strains": "1", "rest_lengths": "m", "rest_angles": "rad"}.get(kind, "N")
+            unit = unit_of_command(self._scene.columns, columns[0])
             some = f", {_MOST_CURVES} of {len(columns)}" if len(columns) > _MOST_CURVES else ""
             name = f"{kind.replace('_', ' ').capitalize()} [{unit}]{some or self._name_colors(columns)}"
             right.append(rrb.TimeSeriesView(origin=f"commands/{kind}", name=name, **common))
@@ -235,10 +236,14 @@ def _choose_commands(scene: Scene, rows: np.ndarray | None) -> dict[str, list[in
     changes, found, start = np.ptp(rows, axis=0) > 0.0, {}, 0
     for kind, end in ends.items():
         if end > start and (bool(changes[start:end].any()) or may_change):
-            found[kind] = list(range(start, end))
+            shown = range(start, end)
             half = (start + end) // 2
             equal = kind == "friction" and columns.sides == 2 and not may_change
             if equal and np.array_equal(rows[:, start:half], rows[:, half:end]):
-                found[kind] = list(range(start, half))
+                shown = range(start, half)
+            units = [unit_of_command(columns, k) for k in shown]
+            for i, unit in enumerate(dict.fromkeys(units)):  # isolated contacts are before segments
+                name = f"{kind}_of_segments" if i else kind
+                found[name] = [k for k, its in zip(shown, units, strict=True) if its == unit]
         start = end
     return found

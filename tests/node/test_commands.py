@@ -93,6 +93,17 @@ def test_a_trajectory_runs_in_straight_lines_through_its_points():
     assert ticks[3] == []
 
 
+def test_a_point_that_is_past_and_followed_by_nothing_takes_the_tick():
+    for times, expected in (
+        ([0], [(1.0, 1.0)]),
+        ([0, 0], [(0.0, 1.0), (1.0, 2.0)]),
+        ([0, TICK], [(0.0, 1.0), (1.0, 2.0)]),
+    ):
+        commands = queue(2)
+        commands.accept_trajectory(["link_0"], times, [[1.0], [2.0]][: len(times)], 0)
+        assert [(v.due_ns / TICK, v.row[0]) for v in take(commands)] == expected
+
+
 def test_names_left_out_hold_and_friction_names_both_sides():
     commands = queue()
     commands.accept_trajectory(["contact_1/friction", "link_1", "contact_0/backward"], [0], [[7.0, 0.3, 8.0]], 0)

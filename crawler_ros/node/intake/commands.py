@@ -247,8 +247,9 @@ class CommandQueue:
 
         The k-th actuation, friction and load array make one vertex; those without a partner make one each. Arrays
         take equal shares of the tick. A trajectory's points keep their own times, those already past coming first;
-        where it extends beyond the tick, its straight line is followed up to the end of the tick. Arrays and
-        trajectories replace each other; the last to arrive counts.
+        where it extends beyond the tick, its straight line is followed up to the end of the tick. What is past and
+        followed by nothing takes the whole tick, as an array does. Arrays and trajectories replace each other; the last
+        to arrive counts.
 
         Args:
             start_ns: simulated time [ns].
@@ -260,7 +261,10 @@ class CommandQueue:
         self.now_ns, self._tick_ns = end_ns, end_ns - start_ns
         vertices = self._take(start_ns, end_ns)
         self.ended = bool(vertices) and not self._path.ahead
-        return self._without_repeats(vertices)
+        vertices = self._without_repeats(vertices)
+        if vertices and vertices[-1].due_ns <= start_ns:
+            vertices[-1] = Vertex(end_ns, vertices[-1].row)
+        return vertices
 
     def _take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of a tick, including those that repeat the row in force."""
