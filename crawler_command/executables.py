@@ -122,7 +122,9 @@ def _run(name: str, module: str) -> int:
         return STOPPED
     finally:
         gc.freeze()  # to look for garbage in all that is loaded once more would take the exit a tenth of a second
-        if not ignored:  # while the interpreter exits, Ctrl-C ends it silently
+        if (
+            signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+        ):  # while the interpreter exits, Ctrl-C ends it silently
             signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import json
+import os
 import re
 from collections.abc import Mapping
 from importlib import resources
@@ -203,8 +204,9 @@ def _read(path: Path) -> str:
         return stream.read(LARGEST_FILE).decode("utf-8")
 
 
-def _is_scene_file(path: Path) -> bool:
-    return path.is_file() and (bool(path.suffix) or len(path.parts) > 1)
+def _is_path(text: str) -> bool:
+    """Return whether a text means a path, not the name of a scene."""
+    return bool(Path(text).suffix) or os.sep in text
 
 
 def _read_named(path: Path, name: str) -> str:
@@ -228,7 +230,7 @@ def load_drive(path_or_name: str | Path) -> Mapping[str, Any]:
     """
     text = str(path_or_name)
     path = Path(text)
-    data = _parse(_read_named(path, text), text) if _is_scene_file(path) else load_scene(text).document()
+    data = _parse(_read_named(path, text), text) if _is_path(text) and path.is_file() else load_scene(text).document()
     drive = data.get("drive") if isinstance(data, Mapping) else None
     if not isinstance(drive, Mapping):
         raise SceneError(f"{text}: no drive; it must have a part `drive:`, as a scene or what `crawler excite` writes")
@@ -249,13 +251,13 @@ def load_scene(path_or_name: str | Path) -> Scene:
     """
     text = str(path_or_name)
     path = Path(text)
-    if _is_scene_file(path):
+    if _is_path(text) and path.is_file():
         return parse_scene(_read_named(path, text), text)
     known = gallery()
     if text in known:
         file = resources.files("msgs_config") / "scenes" / f"{text}.yaml"
         return parse_scene(file.read_text(encoding="utf-8"), text)
-    if path.suffix or len(path.parts) > 1:
+    if _is_path(text):
         there = "not a file: a scene is read from a regular file" if path.exists() else "no such file"
         raise SceneError(f"{text}: {there}")
     nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.5)

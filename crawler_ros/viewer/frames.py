@@ -277,7 +277,7 @@ def _frames(
             if message is None:
                 continue
             stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-            x, state, tension = motion.read(message)
+            x, state, tension = motion.read(message, stamp == 0)
             run += stamp == 0 and last > 0
             last, passed = stamp, []
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
@@ -308,13 +308,14 @@ class _MotionReader:
     def __init__(self, body: Body) -> None:
         self._body, self._stations = body, StationReader(body)
         self.size = self._stations.size
-        self._before = np.zeros(body.position.shape)
+        self._before: np.ndarray | None = None
 
-    def read(self, message: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return displacement and state of each station, and each tension."""
+    def read(self, message: Any, begins: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return displacement and state of each station, and each tension; where a run begins, all stations rest."""
         body, x = self._body, self._stations.read(message.position)
         if body.turning is not None:  # velocities of angles do not tell exactly which stations rest
-            moved, self._before = x - self._before, x
+            moved = np.zeros_like(x) if begins or self._before is None else x - self._before
+            self._before = x
             return x, find_moving(body, moved), message.effort[3:]
         v, tension = self._stations.read(message.velocity), message.effort[body.dimension :]
         if body.dimension == 2:

@@ -48,7 +48,7 @@ def test_the_rest_before_the_first_command_is_left_out(folder):
     assert runs[1]["translation"] == pytest.approx(runs[0]["translation"][:3], abs=1e-12)
     assert np.diff(runs[1]["starts"]) == pytest.approx(1.0)
     text = crawler("compare", "mine.yaml", "monday", cwd=folder).stdout
-    assert ("at rest until" in text) == (runs[1]["starts"][0] > 0.0)
+    assert ("what is before its first cycle" in text) == (runs[1]["starts"][0] > 0.0)
 
 
 def test_recordings_alone_are_compared_by_cycles_where_asked(folder):

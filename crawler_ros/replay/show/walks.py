@@ -202,7 +202,9 @@ def print_walks(walks: Sequence[Walk], screen: Console) -> None:
     screen.print(tabulate_walks(walks))
     for walk in walks:
         if walk.starts[0] > 0.0:
-            screen.print(f"{walk.name}: at rest until {walk.starts[0]:g} s, which is left out", markup=False)
+            screen.print(
+                f"{walk.name}: what is before its first cycle, at {walk.starts[0]:g} s, is left out", markup=False
+            )
 
 
 def draw_walks(walks: Sequence[Walk], png: Path) -> None:
