@@ -39,7 +39,6 @@ class Residuals:
         jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
         linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
         d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).
-        one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
         derivative_error: part by which derivatives may be wrong, below which a combination of them counts as zero [1].
     """
 
@@ -49,7 +48,6 @@ class Residuals:
     jacobian: np.ndarray
     linear: tuple[np.ndarray, ...]
     d_linear: tuple[np.ndarray, ...]
-    one_sided: np.ndarray
     derivative_error: float
 
     @property
@@ -234,23 +232,21 @@ class Problem:
         return self._last[1]
 
     def _compute(self, unknowns: np.ndarray) -> Residuals | None:
-        one_sided = np.zeros(self.space.origin.size, np.bool_)
         found, resting, linears, parts = [], [], [], []
         for i in range(len(self.replicas)):
             observed = self._observe(unknowns, i)
             if observed is None:
                 return None
-            raw, rest, sided = observed
+            raw, rest = observed
             whitened, own = self.project(i, raw)
             found.append(raw[:, 0].T - np.einsum("tmq,q->tm", self.designs[i], own[:, 0]))
             resting.append(rest)
             linears.append(-own)
             parts.append(whitened)
-            one_sided |= sided
         fitted, jacobian = self._join(unknowns, parts)
         linear, d_linear = tuple(one[:, 0] for one in linears), tuple(one[:, 1:] for one in linears)
         error = max(replica.derivative_error for replica in self.replicas)
-        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, one_sided, error)
+        return Residuals(tuple(found), tuple(resting), fitted, jacobian.T, linear, d_linear, error)
 
     def _join(self, unknowns: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Join the residuals of all recordings and priors, shape (R,), and their derivatives, shape (U, R)."""
@@ -272,12 +268,12 @@ class Problem:
                 place += 1
         return fitted, jacobian
 
-    def _observe(self, unknowns: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    def _observe(self, unknowns: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute what the sensor of a recording would show, less what it showed, and its derivatives.
 
         Returns:
-            Residuals and derivatives with respect to parameters and sensor, shape (M, 1 + P + names, T); which channels
-            rest, shape (T, M); parameters whose derivative is one-sided, shape (P,). None if there is no motion.
+            Residuals and derivatives with respect to parameters and sensor, shape (M, 1 + P + names, T); and which
+            channels rest, shape (T, M). None if there is no motion.
         """
         replica, count = self.replicas[i], self.space.origin.size
         values = self.space.to_values(unknowns[:count])
@@ -298,7 +294,7 @@ class Problem:
         np.multiply(predicted.jacobian[:, :count], slopes, out=raw[:, 1 : 1 + count])
         for k, name in enumerate(self.names):
             raw[:, 1 + count + k] = parts[name]
-        return raw, predicted.velocity == 0.0, predicted.one_sided
+        return raw, predicted.velocity == 0.0
 
     def project(self, recording: int, raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whiten columns, and remove what offsets and drifts explain of them.

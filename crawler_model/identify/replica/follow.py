@@ -45,7 +45,7 @@ def begin_path(
 
 def follow_times(
     scene: Scene, derivatives: Derivatives, at: np.ndarray, recorded: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Compute the motion at some times, at the start before 0.
 
     Args:
@@ -55,8 +55,8 @@ def follow_times(
         recorded: whether the drive is recorded commands, whose times do not depend on parameters.
 
     Returns:
-        Displacements, shape (T, N) [m]; their derivatives, shape (N, P, T); velocities, shape (T, N) [m/s]; and which
-        derivatives are one-sided somewhere, bool, shape (P,). None if the motion has too many events.
+        Displacements, shape (T, N) [m]; their derivatives, shape (N, P, T); and velocities, shape (T, N) [m/s]. None if
+        the motion has too many events.
     """
     ns = np.rint(np.maximum(at, 0.0) * NS).astype(np.int64)
     x, velocity = (np.tile(row, (ns.size, 1)) for row in (scene.start_displacement, np.zeros(scene.body.contacts)))
@@ -64,7 +64,7 @@ def follow_times(
     first = int(np.searchsorted(ns, 0, side="right"))
     dx[..., :first] = derivatives.start[..., None]
     if first == ns.size:
-        return x, dx, velocity, np.zeros(dx.shape[1], np.bool_)
+        return x, dx, velocity
     path, vertices = begin_path(scene, derivatives, ns[first:][np.append(True, np.diff(ns[first:]) > 0)], recorded)
     place = np.searchsorted(vertices.time_ns, ns)
     duration = np.diff(vertices.time_ns, prepend=0) / NS
@@ -86,4 +86,4 @@ def follow_times(
         if moves:
             moved -= speed[:, :, None] * vertices.d_time[place[rows]][:, None, :]
         dx[..., rows] = moved.transpose(1, 2, 0)
-    return x, dx, velocity, path.one_sided
+    return x, dx, velocity

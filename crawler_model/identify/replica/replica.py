@@ -42,13 +42,11 @@ class Prediction:
         values: shape (T, M) [m].
         jacobian: their derivatives with respect to the parameters, the gain and changes, shape (M, P + ..., T).
         velocity: their rates of change, shape (T, M) [m/s].
-        one_sided: parameters whose derivative is one-sided somewhere, bool, shape (P,).
     """
 
     values: np.ndarray
     jacobian: np.ndarray
     velocity: np.ndarray
-    one_sided: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -208,13 +206,12 @@ class Replica:
         found = follow_times(scene, derivatives, self.measured.time - lag, self._is_recorded)
         if found is None:
             return None
-        x, dx, velocity, one_sided = found
+        x, dx, velocity = found
         matrix, added = self.observation
         return Prediction(
             x @ matrix.T + added,
             dx if np.array_equal(matrix, np.eye(*matrix.shape)) else np.tensordot(matrix, dx, axes=1),
             velocity @ matrix.T,
-            one_sided[: len(self._keys)],
         )
 
     def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:

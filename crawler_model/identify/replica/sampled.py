@@ -109,7 +109,7 @@ class SampledReplica(Replica):
             ends = ends if len(ends) == 2 else [(0.0, x), *ends]  # one side alone, or none
             if len(ends) == 2:
                 jacobian[:, p] = ((ends[1][1] - ends[0][1]) / (ends[1][0] - ends[0][0])).T
-        return Prediction(x, jacobian, velocity, np.zeros(values.size, np.bool_))
+        return Prediction(x, jacobian, velocity)
 
     def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute what is measured at some times [ns], and its rates, each of shape (T, M); None without a motion."""
