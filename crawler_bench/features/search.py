@@ -14,6 +14,7 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.optimise.optimise import build_space
+from crawler_model.optimise.request import Request
 from crawler_model.optimise.search import search
 from crawler_model.optimise.space import Evaluator, Space
 
@@ -80,7 +81,7 @@ def _space() -> Space:
             "friction": {"forward": 0.2, "backward": 0.6},
         }
     )
-    return build_space(scene, "translation", 6, (0.0, 0.1), None, None, None, None, None, None, 0)[1]
+    return build_space(scene, Request("translation", waypoints=6, stroke=(0.0, 0.1)))[1]
 
 
 class _Clock:

@@ -17,6 +17,7 @@ from .goal import WORST, Goal, measure
 from .optimum import ActiveBound, Alternative, Optimum, Weakness
 from .polish import best_step
 from .regime import Regime, RegimeDerivatives, differentiate_regime
+from .request import Request
 from .search import Found
 from .space import Evaluator, Space
 from .unknowns import Unknowns, with_numbers
@@ -27,24 +28,14 @@ _ALTERNATIVES = 5
 _FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
 
 
-def finish(
-    unknowns: Unknowns,
-    space: Space,
-    found: Found,
-    robust: tuple[str, ...],
-    seed: int,
-    seconds: float | None,
-    began: float,
-) -> Optimum:
+def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, began: float) -> Optimum:
     """Examine the best point of a search.
 
     Args:
         unknowns: of the scene itself.
         space: the candidates.
         found: what the search found.
-        robust: the uncertain numbers.
-        seed: of the random numbers.
-        seconds: the time limit [s], or None.
+        request: what was sought.
         began: when the optimisation began [s].
 
     Returns:
@@ -91,11 +82,11 @@ def finish(
         tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
         not as_good and not flat,
-        tuple(_find_weakness(unknowns, key, values, goal) for key in robust),
+        tuple(_find_weakness(unknowns, key, values, goal) for key in request.robust or ()),
         space,
         point,
-        seed,
-        seconds is None and not found.interrupted,
+        request.seed,
+        request.seconds is None and not found.interrupted,
         time.perf_counter() - began,
         motion=regime.motion,
         periods=goal.periods if patched else None,

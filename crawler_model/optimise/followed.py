@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ..run.simulate import simulate
 from ..scene.scene import Scene
 from .goal import SCREW, TURNING_OBJECTIVES, Goal
 from .regime import Regime, find_regime
+from .request import Request
 from .unknowns import Cycle
 
 _MOST_PERIODS = 12
@@ -130,32 +131,30 @@ def followed_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> G
     return dataclasses.replace(goal, resolution=tolerance_of(scene) * unit)
 
 
-def check_request(scene: Scene, objective: str, target: Sequence[float] | None, limits: Mapping[str, object]) -> None:
+def check_request(scene: Scene, request: Request) -> None:
     """Check a request against the kind of scene.
 
     Args:
         scene: the scene.
-        objective: a key of `OBJECTIVES`.
-        target: dx, dy [m] and dyaw [rad] of the screw, or None.
-        limits: what else is requested, by the name of the argument; None or empty for nothing.
+        request: what is sought, its objective a key of `OBJECTIVES`.
 
     Raises:
         SceneError: if this kind of scene cannot have it.
         CommandError: if the target is missing, or a number is out of range.
     """
-    turns = scene.body.turning is not None
+    objective, target, turns = request.objective, request.target, scene.body.turning is not None
     if turns and objective not in TURNING_OBJECTIVES:
         names = ", ".join(TURNING_OBJECTIVES)
         raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
     if not turns and objective in ("turn", SCREW):
         raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
     for name in ("rate", "tension"):
-        if turns and limits[name]:
+        if turns and getattr(request, name):
             raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
-    if limits["tension"] and not scene.has_exact_derivatives:
+    if request.tension and not scene.has_exact_derivatives:
         where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
         raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
-    _check_towards_and_periods(scene, limits["towards"], limits["periods"])
+    _check_towards_and_periods(scene, request.towards, request.periods)
     if (target is not None) != (objective == SCREW):
         raise CommandError(f"target: {target}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
     if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):

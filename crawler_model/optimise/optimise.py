@@ -20,7 +20,7 @@ from .examine import finish
 from .followed import check_request, followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
 from .optimum import Optimum
-from .request import Bounds, build_unknowns, check_bounds, given_points
+from .request import Bounds, Request, build_unknowns, check_bounds, given_points
 from .search import Found, search
 from .space import Space
 from .unknowns import Unknowns, with_numbers
@@ -97,66 +97,27 @@ def optimise(
     if robust_to is not None:
         check_uncertain(robust_of, objective, robust)
         scene = robust_to.apply(scene)
-    unknowns, space = build_space(
-        scene,
-        objective,
-        waypoints,
-        stroke,
-        free,
-        rate,
-        tension,
-        robust,
-        period,
-        seconds,
-        seed,
-        target,
-        towards,
-        periods,
+    request = Request(
+        objective, waypoints, stroke, free, rate, tension, robust, period, seconds, seed, target, towards, periods
     )
+    unknowns, space = build_space(scene, request)
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
     begin = [*given_points(unknowns), np.full(space.size, 0.5)]
     found = search(space, seed, seconds, begin, progress)
     check_found(space, found)
-    best = finish(unknowns, space, found, tuple(robust or ()), seed, seconds, began)
+    best = finish(unknowns, space, found, request, began)
     if robust_to is None:
         return best
     return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, robust_to, robust_of))
 
 
-def build_space(
-    scene: Scene,
-    objective: str,
-    waypoints: int | None,
-    stroke: Bounds | Mapping[str, Bounds] | None,
-    free: Mapping[str, Bounds] | None,
-    rate: float | None,
-    tension: float | None,
-    robust: Mapping[str, Bounds] | None,
-    period: float | None,
-    seconds: float | None,
-    seed: int,
-    target: Sequence[float] | None = None,
-    towards: float | None = None,
-    periods: int | None = None,
-) -> tuple[Unknowns, Space]:
-    """Check the arguments of `optimise`, and build the candidates.
+def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:
+    """Check a request, and build the candidates.
 
     Args:
-        scene: as for `optimise`, like all that follow.
-        objective: likewise.
-        waypoints: likewise.
-        stroke: likewise.
-        free: likewise.
-        rate: likewise [m/s].
-        tension: likewise [N].
-        robust: likewise.
-        period: likewise [s].
-        seconds: likewise [s].
-        seed: likewise.
-        target: likewise [m, m, rad].
-        towards: likewise [degrees].
-        periods: likewise.
+        scene: the scene.
+        request: what is sought.
 
     Returns:
         The unknowns of the scene itself, and the candidates on all scenes of the box.
@@ -165,24 +126,25 @@ def build_space(
         SceneError: as for `optimise`.
         CommandError: likewise.
     """
+    objective, rate, tension, seed = request.objective, request.rate, request.tension, request.seed
     if objective not in OBJECTIVES:
         raise CommandError(f"objective: {objective!r}; it must be one of {', '.join(OBJECTIVES)}")
-    for name, value, unit in (("rate", rate, " m/s"), ("tension", tension, " N"), ("seconds", seconds, " s")):
+    for name, value, unit in (("rate", rate, " m/s"), ("tension", tension, " N"), ("seconds", request.seconds, " s")):
         if value is not None and not 0.0 < value < math.inf:
             raise CommandError(f"{name}: {value:g}{unit}; it must be > 0")
     if not isinstance(seed, int) or seed < 0:
         raise CommandError(f"seed: {seed!r}; it must be a whole number >= 0")
-    limits = {"rate": rate, "tension": tension, "robust": robust, "towards": towards, "periods": periods}
-    check_request(scene, objective, target, limits)
-    unknowns = build_unknowns(scene, waypoints, stroke, free or {}, period)
+    check_request(scene, request)
+    unknowns = build_unknowns(scene, request)
     goal = Goal(
         objective,
         math.inf if tension is None else tension,
         math.inf if rate is None else rate,
-        towards=math.radians(towards or 0.0),
-        periods=periods or DEFAULT_PERIODS,
+        towards=math.radians(request.towards or 0.0),
+        periods=request.periods or DEFAULT_PERIODS,
     )
-    return unknowns, Space(_build_corners(unknowns, robust or {}), followed_goal(scene, goal, target))
+    corners = _build_corners(unknowns, request.robust or {})
+    return unknowns, Space(corners, followed_goal(scene, goal, request.target))
 
 
 def _build_corners(unknowns: Unknowns, robust: Mapping[str, Bounds]) -> tuple[Unknowns, ...]:

@@ -17,7 +17,7 @@ from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .goal import measure, score
 from .optimise import build_space, check_found
-from .request import given_points
+from .request import Request, given_points
 from .search import Found, search
 from .space import Space
 
@@ -125,10 +125,10 @@ def pareto(
     began = time.perf_counter()
     scene = coerce_scene(scene, "pareto")
     names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period", "towards", "periods")
-    given = {name: limits.pop(name, None) for name in names}
-    if limits:
-        raise TypeError(f"pareto: unknown argument {next(iter(limits))}")
-    unknowns, space = build_space(scene, "translation", **given, seconds=seconds, seed=seed)
+    for name in limits:
+        if name not in names:
+            raise TypeError(f"pareto: unknown argument {name}")
+    unknowns, space = build_space(scene, Request("translation", seconds=seconds, seed=seed, **limits))
     begin = [*given_points(unknowns), np.full(space.size, 0.5)]
     each = None if seconds is None else seconds / (_POINTS + 2)
     runs: list[Found] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,22 +24,30 @@ _TIMES = ("times", "period")
 Bounds = tuple[float, float]
 
 
-def build_unknowns(
-    scene: Scene,
-    waypoints: int | None,
-    stroke: Bounds | Mapping[str, Bounds] | None,
-    free: Mapping[str, Bounds],
-    period: float | None,
-) -> Unknowns:
+class Request(NamedTuple):
+    """What is sought: the arguments of `optimise` of the same names, which describes them."""
+
+    objective: str
+    waypoints: int | None = None
+    stroke: Bounds | Mapping[str, Bounds] | None = None
+    free: Mapping[str, Bounds] | None = None
+    rate: float | None = None
+    tension: float | None = None
+    robust: Mapping[str, Bounds] | None = None
+    period: float | None = None
+    seconds: float | None = None
+    seed: int = 0
+    target: Sequence[float] | None = None
+    towards: float | None = None
+    periods: int | None = None
+
+
+def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     """Build the unknowns of a request.
 
     Args:
         scene: the scene.
-        waypoints: number of evenly spaced waypoints; None for the default where waypoints are unknown.
-        stroke: bounds of all links [m] and segments (strain), or of each by name; None for those of the scene's drive.
-        free: bounds of numbers of the scene by dotted key; `friction` stands for the friction of each contact and
-            segment at each waypoint [N, N/m].
-        period: of the waypoints [s]; None for that of the scene's drive, or 1 s.
+        request: what is sought.
 
     Returns:
         The unknowns.
@@ -49,6 +57,7 @@ def build_unknowns(
     """
     if scene.body.springs == 0:
         raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
+    waypoints, stroke, free, period = request.waypoints, request.stroke, request.free or {}, request.period
     scene = with_loads(scene, tuple(free))
     given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}
     friction = given.pop("friction", None)

@@ -10,6 +10,7 @@ import pytest
 from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, optimise
 from crawler_model.optimise.bodies import _SEED, spread_over
 from crawler_model.optimise.optimise import build_space
+from crawler_model.optimise.request import Request
 
 from ..identify.posteriors import NAMES, posterior, robot
 
@@ -17,8 +18,7 @@ LEFT = "friction.backward[0]"
 
 
 def spread(over, known: Posterior):
-    given = dict.fromkeys(("free", "rate", "tension", "robust", "period", "seconds"))
-    unknowns, space = build_space(robot(None), "translation", waypoints=4, stroke=(0.0, 0.1), **given, seed=0)
+    unknowns, space = build_space(robot(None), Request("translation", waypoints=4, stroke=(0.0, 0.1)))
     return unknowns, spread_over(space, unknowns, known, over)
 
 

@@ -11,6 +11,7 @@ import pytest
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate, simulate_many
 from crawler_model.optimise.goal import Goal
 from crawler_model.optimise.optimise import build_space
+from crawler_model.optimise.request import Request
 from crawler_model.optimise.search import _Search, search
 from crawler_model.optimise.space import Space
 
@@ -26,8 +27,7 @@ def chain(contacts: int, **more) -> Scene:
 
 
 def space_of(scene: Scene, objective: str = "translation", **given) -> Space:
-    names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period", "seconds")
-    return build_space(scene, objective, **{name: given.get(name) for name in names}, seed=0)[1]
+    return build_space(scene, Request(objective, **given))[1]
 
 
 def test_four_contacts_gain_more_than_twice_their_stroke():

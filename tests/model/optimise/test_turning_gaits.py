@@ -10,6 +10,7 @@ pytest.importorskip("cma")
 from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, load_scene, optimise, pareto, simulate
 from crawler_model.optimise.bodies import _DRAWN, _SEED, spread_over
 from crawler_model.optimise.optimise import build_space
+from crawler_model.optimise.request import Request
 from crawler_model.optimise.search import _STALE_ROUNDS
 
 SCISSORS = load_scene("scissors")
@@ -94,8 +95,7 @@ def test_the_worst_turn_is_that_of_the_softest_joint_and_a_softer_one_stops_it()
 
 def test_the_expected_turn_is_the_mean_over_the_drawn_bodies():
     known = Posterior((STIFFNESS,), np.array([5.0]), np.array([[0.25]]))
-    given = dict.fromkeys(("waypoints", "stroke", "rate", "tension", "robust", "period", "seconds"))
-    unknowns, space = build_space(SCISSORS, "turn", free={OPENED: (0.0, 0.8)}, **given, seed=0)
+    unknowns, space = build_space(SCISSORS, Request("turn", free={OPENED: (0.0, 0.8)}))
     space = spread_over(space, unknowns, known, "expected")
     drawn = known.draw_bodies(np.random.default_rng(_SEED), _DRAWN)[STIFFNESS]
     assert np.ptp(drawn) > 0.1
@@ -104,8 +104,7 @@ def test_the_expected_turn_is_the_mean_over_the_drawn_bodies():
 
 def test_the_nearest_motion_fails_where_standing_still_is_as_near():
     target = limit_cycle(scissors(0.3)).gain
-    given = dict.fromkeys(("waypoints", "stroke", "rate", "tension", "robust", "period", "seconds"))
-    _, space = build_space(SCISSORS, "screw", free={OPENED: (0.0, 0.6)}, **given, seed=0, target=target)
+    _, space = build_space(SCISSORS, Request("screw", free={OPENED: (0.0, 0.6)}, target=target))
     (reached,), (still,) = space.regimes(np.array([[0.5], [0.0]]))
     assert space.goal.progress(reached) == pytest.approx(np.hypot(np.hypot(*target[:2]), target[2]), abs=1e-4)
     assert space.goal.progress(still) == 0.0
