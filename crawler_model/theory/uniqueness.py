@@ -114,6 +114,9 @@ def _blocks(body: Body, friction: np.ndarray) -> np.ndarray:
 def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[float, float]:
     """Find the interval of all c that minimise R(velocity + c), [G] section 2.2.
 
+    The slope of R grows with c by the bounds of each contact that the translation brings to rest. A slope within
+    rounding of zero counts as zero.
+
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
         forward: mu_plus, shape (N,) [N].
@@ -129,28 +132,11 @@ def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: Arra
     v, plus, minus = (np.array(a, dtype=np.float64) for a in (velocity, forward, backward))
     if v.ndim != 1 or not v.shape == plus.shape == minus.shape:
         raise ValueError(f"velocity, forward, backward: shapes {v.shape}, {plus.shape}, {minus.shape}; one per contact")
-    return find_translations(v, plus, minus)
-
-
-def find_translations(velocity: np.ndarray, forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
-    """Find the interval of translations that `translation_interval` returns, without checks.
-
-    The slope of R(velocity + c) grows with c by the bounds of each contact that the translation brings to rest. A slope
-    within rounding of zero counts as zero.
-
-    Args:
-        velocity: velocities up to a translation, shape (N,) [m per unit of the ramp].
-        forward: mu_plus, shape (N,) [N].
-        backward: mu_minus, shape (N,) [N].
-
-    Returns:
-        The smallest and the largest minimiser.
-    """
-    order = np.argsort(-velocity, kind="stable")
-    near = CRITICAL * float((forward + backward).sum())
-    slope = np.cumsum((forward + backward)[order]) - backward.sum()  # above each translation that stops a contact
-    stops = np.concatenate(([-np.inf], -velocity[order], [np.inf]))
-    slopes = np.concatenate(([-backward.sum()], slope))
+    order = np.argsort(-v, kind="stable")
+    near = CRITICAL * float((plus + minus).sum())
+    slope = np.cumsum((plus + minus)[order]) - minus.sum()  # above each translation that stops a contact
+    stops = np.concatenate(([-np.inf], -v[order], [np.inf]))
+    slopes = np.concatenate(([-minus.sum()], slope))
     return float(stops[int((slopes < -near).sum())]), float(stops[int((slopes <= near).sum())])
 
 
@@ -174,7 +160,7 @@ def choose_translation(
     Returns:
         Distances of the smallest and the largest admissible translation from the chosen one.
     """
-    least, most = find_translations(velocity, forward, backward)
+    least, most = translation_interval(velocity, forward, backward)
     size = float(np.abs(velocity).max(initial=0.0))
     chosen, middle = min(max(-float(share @ velocity), least), most), 0.5 * (least + most)
     if least < most and np.isfinite(middle):
