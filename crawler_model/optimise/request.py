@@ -82,9 +82,9 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
             if "friction" in key_steps(key):
                 raise SceneError(f"free: {key}: no effect, as the waypoints command friction")
     keys, low, high = _expand(base, given)
-    if len(keys) + table.width * table.waypoints > _MOST_UNKNOWNS:
-        count = len(keys) + table.width * table.waypoints
-        raise SceneError(f"waypoints: {count} unknowns; at most {_MOST_UNKNOWNS}: choose fewer waypoints")
+    low, high = (np.append(v, np.tile(w, table.waypoints)) for v, w in ((low, table.low), (high, table.high)))
+    if low.size > _MOST_UNKNOWNS:
+        raise SceneError(f"waypoints: {low.size} unknowns; at most {_MOST_UNKNOWNS}: choose fewer waypoints")
     return Unknowns(base, keys, table, low, high, scene)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,35 +104,22 @@ class Unknowns:
         base: the scene, with a relaxed start; with a table it has no drive.
         keys: numbers of the scene, by dotted keys.
         table: the waypoints, or None if the scene's own drive is played.
-        key_low: lower bounds of the numbers of the scene, shape (keys,).
-        key_high: upper bounds, likewise.
+        low: lower bounds of the numbers of the scene, then of the waypoints, shape (P,).
+        high: upper bounds, likewise.
         original: the scene as it was given.
     """
 
     base: Scene
     keys: tuple[str, ...]
     table: Table | None
-    key_low: np.ndarray
-    key_high: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
     original: Scene
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, shape (P,): numbers of the scene, then the waypoints."""
         return self.keys + (self.table.names() if self.table is not None else ())
-
-    @functools.cached_property
-    def low(self) -> np.ndarray:
-        """Lower bounds, shape (P,)."""
-        return self._bounds(self.key_low, lambda table: table.low)
-
-    @functools.cached_property
-    def high(self) -> np.ndarray:
-        """Upper bounds, shape (P,)."""
-        return self._bounds(self.key_high, lambda table: table.high)
-
-    def _bounds(self, keys: np.ndarray, side: Callable[[Table], np.ndarray]) -> np.ndarray:
-        return keys if self.table is None else np.concatenate((keys, np.tile(side(self.table), self.table.waypoints)))
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Split unknowns into numbers of the scene and waypoints.
