@@ -16,7 +16,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 
 from .domain_many import draw_many, draw_three
-from .domain_panels import MOST_PANELS, draw_path, draw_turning, make_panels
+from .domain_panels import MOST_PANELS, MOST_SETS, draw_panels, draw_turning
 from .domain_text import STYLE, last_period, simulated
 from .domain_two import draw_two
 
@@ -51,34 +51,24 @@ def draw_domain(scene: Plan, png: Path) -> None:
 def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     """Draw each contact's friction set and spring force, of at most nine contacts."""
     body, drive = scene.body, scene.drive
-    count = min(body.contacts, MOST_PANELS)
-    figure, axes = make_panels(count)
-    figure.suptitle(
-        f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period",
-        parse_math=False,
-    )
     rows = last_period(run)
     force = np.array([body.spring_force(t) for t in run.tension[rows]])
     if scene.columns.loads:
         targets = drive.sample(np.rint(run.time[rows] * NS).astype(np.int64))
         force = force + split_target(body, scene.directions, targets)[2]
-    slides = run.contact_state[rows] != 0
     friction = np.unique(split_target(body, scene.directions, drive.targets)[1], axis=0)
-    for i, axis in enumerate(axes.flat):
-        if i >= count:
-            axis.set_axis_off()
-            continue
-        for mu in friction[:6, i]:
-            outline = _friction_outline(mu, scene.directions)
-            axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
-        draw_path(axis, force[:, i], slides[:, i])
-        axis.set_title(f"contact {i}: green while it slides")
-        reach = 1.1 * float(friction.max())
-        axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
-        axis.locator_params(nbins=5)
-        axis.set_xlabel("$g_x$ [N]")
-        axis.set_ylabel("$g_y$ [N]")
-    return figure
+    return draw_panels(
+        f"{scene.name}: admissible friction forces of each contact, and its spring force over the last period",
+        {
+            i: [_friction_outline(mu, scene.directions) for mu in friction[:MOST_SETS, i]]
+            for i in range(min(body.contacts, MOST_PANELS))
+        },
+        "contact",
+        force,
+        run.contact_state[rows] != 0,
+        1.1 * float(friction.max()),
+        ("$g_x$ [N]", "$g_y$ [N]"),
+    )
 
 
 def _friction_outline(mu: np.ndarray, directions: np.ndarray) -> np.ndarray:

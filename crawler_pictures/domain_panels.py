@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,39 +16,54 @@ from .colors import FORWARD
 from .domain_text import last_period
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_PANELS = 9
+MOST_PANELS, MOST_SETS = 9, 6
+"""Contacts, and sets of each, that are drawn."""
 
 
-def make_panels(count: int) -> tuple[Figure, np.ndarray]:
-    """Make a figure with a panel for each contact.
+def draw_panels(
+    title: str,
+    sets: Mapping[int, Sequence[np.ndarray]],
+    name: str,
+    force: np.ndarray,
+    slides: np.ndarray,
+    reach: float,
+    components: tuple[str, str],
+) -> Figure:
+    """Draw what friction holds at each contact, and the path of the force on it, in green where it slides.
 
     Args:
-        count: number of contacts, at least 1.
+        title: above all panels.
+        sets: the outlines of the sets of forces that friction holds, by contact, each of shape (V, 2) [N].
+        name: what a contact is called.
+        force: shape (T, N, 2) [N].
+        slides: whether a contact slides, bool, shape (T, N).
+        reach: how far the axes reach [N].
+        components: names of both components of the force.
 
     Returns:
-        The figure, and its axes, three in a row.
+        The figure, three panels in a row.
     """
     from matplotlib.figure import Figure
 
-    columns = min(count, 3)
-    rows = -(-count // columns)
+    columns = min(len(sets), 3)
+    rows = -(-len(sets) // columns)
     figure = Figure(figsize=(4.2 * columns, 4.4 * rows), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False)
-
-
-def draw_path(axis: Axes, force: np.ndarray, slides: np.ndarray) -> None:
-    """Draw the path of a force, in green where the contact slides.
-
-    Args:
-        axis: the panel.
-        force: shape (T, 2) [N].
-        slides: whether it slides, bool, shape (T,).
-    """
-    axis.plot(*force.T, color="black", linewidth=1.0)
-    axis.plot(*np.where(slides[:, None], force, np.nan).T, "o-", color=FORWARD, linewidth=3.0, markersize=7)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure.suptitle(title, parse_math=False)
+    for axis, (i, outlines) in zip(axes, sets.items(), strict=False):
+        for outline in outlines:
+            axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
+        axis.plot(*force[:, i].T, color="black", linewidth=1.0)
+        sliding = np.where(slides[:, i, None], force[:, i], np.nan)
+        axis.plot(*sliding.T, "o-", color=FORWARD, linewidth=3.0, markersize=7)
+        axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
+        axis.set(title=f"{name} {i}: green while it slides", xlabel=components[0], ylabel=components[1])
+        axis.locator_params(nbins=5)
+    for axis in axes[len(sets) :]:
+        axis.set_axis_off()
+    return figure
 
 
 def draw_turning(scene: Plan, run: Trajectory) -> Figure:
@@ -64,27 +80,16 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
     targets = scene.drive.targets[:, columns.lengths :][:, : columns.frictions].reshape(-1, contacts, 4)
     friction = np.unique(targets, axis=0)
     shown = np.flatnonzero(friction.any(axis=(0, 2)))[:MOST_PANELS]
-    figure, axes = make_panels(shown.size)
-    figure.suptitle(
-        f"{scene.name}: what friction holds at each point, and the force on it over the last period, in its frame",
-        parse_math=False,
-    )
     rows = last_period(run)
-    force, slides = forces_in_frames(run, rows), run.contact_state[rows] != 0
-    reach = 1.1 * float(friction.max())
-    for k, axis in enumerate(axes.flat):
-        if k >= shown.size:
-            axis.set_axis_off()
-            continue
-        i = int(shown[k])
-        for sides in friction[:6, i]:
-            axis.fill(*_outline(sides).T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
-        draw_path(axis, force[:, i], slides[:, i])
-        axis.set_title(f"point {i}: green while it slides")
-        axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
-        axis.set(xlabel="forward [N]", ylabel="left [N]")
-        axis.locator_params(nbins=5)
-    return figure
+    return draw_panels(
+        f"{scene.name}: what friction holds at each point, and the force on it over the last period, in its frame",
+        {i: [_outline(sides) for sides in friction[:MOST_SETS, i]] for i in shown.tolist()},
+        "point",
+        forces_in_frames(run, rows),
+        run.contact_state[rows] != 0,
+        1.1 * float(friction.max()),
+        ("forward [N]", "left [N]"),
+    )
 
 
 def forces_in_frames(run: Trajectory, rows: np.ndarray) -> np.ndarray:
