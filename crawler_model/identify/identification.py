@@ -98,7 +98,7 @@ class Identification:
             "schema": 1,
             "scene": self.scene.name,
             "parameters": [p.as_plain() for p in self.parameters],
-            "sensors": [one.as_plain() for one in self.sensors],
+            "sensors": [vars(s) | {"interval": list(s.interval), "prior": list(s.prior)} for s in self.sensors],
             "posterior": self.posterior.as_plain(),
             "residual": self.residual,
             "noise": self.noise,
@@ -107,7 +107,7 @@ class Identification:
             "model_fits": self.model_fits,
             "where": self.where,
             "misfits": [m.as_plain() for m in self.misfits],
-            "explanations": [e.as_plain() for e in self.explanations],
+            "explanations": [vars(e).copy() for e in self.explanations],
             "warnings": list(self.warnings),
             "recordings": [
                 {

@@ -46,14 +46,6 @@ class Explanation:
     explained: float
     moved: dict[str, float]
 
-    def as_plain(self) -> dict[str, object]:
-        """Convert to the values that `crawler identify --json` prints.
-
-        Returns:
-            Plain numbers, lists and text.
-        """
-        return {"what": self.what, "amount": self.amount, "explained": self.explained, "moved": self.moved}
-
 
 def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explanation]:
     """Test changes of the model: links stiffer or stuck, friction that depends on place, time or direction, a lag.

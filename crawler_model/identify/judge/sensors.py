@@ -36,21 +36,6 @@ class SensorNumber:
     interval: tuple[float, float]
     prior: Prior
 
-    def as_plain(self) -> dict[str, object]:
-        """Convert to the values that `crawler identify --json` prints.
-
-        Returns:
-            Plain numbers, lists and text.
-        """
-        return {
-            "name": self.name,
-            "recording": self.recording,
-            "verdict": self.verdict,
-            "value": self.value,
-            "interval": list(self.interval),
-            "prior": list(self.prior),
-        }
-
 
 def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray, freedom: float) -> tuple[SensorNumber, ...]:
     """Write the verdict on each number of each sensor.
