@@ -26,33 +26,10 @@ def most_ramps(body: Body) -> int:
     return min(_BLOCK, max(_NUMBERS // (body.dimension * (2 * body.contacts + body.springs)), 1))
 
 
-def exact_blocks(times: np.ndarray, period: float | None, end_ns: int, most: int) -> Iterator[tuple[int, int]]:
-    """Divide a run from waypoint to waypoint into blocks of whole periods.
-
-    Args:
-        times: waypoint times, shape (W,) [s].
-        period: the waypoints repeat after it [s], or None.
-        end_ns: duration of the run [ns].
-        most: number of ramps in a block, about.
-
-    Yields:
-        Start and end of a block [ns].
-    """
-    first = 0
-    periods = max(most // times.size, 1)
-    while first < end_ns:
-        end = end_ns
-        if period is not None:
-            count = round(first / NS / period) + periods
-            end = min(int(np.rint(period * count * NS)), end_ns)
-        yield first, end
-        first = end
-
-
 def exact_course(
     times: np.ndarray, period: float | None, end_ns: int, most: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Find the ramps of a run from waypoint to waypoint.
+    """Find the ramps of a run from waypoint to waypoint, in blocks of whole periods.
 
     Args:
         times: waypoint times, shape (W,) [s].
@@ -64,25 +41,21 @@ def exact_course(
         The waypoints that end the ramps of a block, and which of these ramps end a period, int64. A run that does not
         end at a waypoint has a last ramp to "waypoint" W.
     """
-    for after, until in exact_blocks(times, period, end_ns, most):
-        way_ns, rows = waypoints_of(times.tobytes(), period, after, until)
+    after, periods = 0, max(most // times.size, 1)
+    while after < end_ns:
+        until = end_ns
+        if period is not None:
+            count = round(after / NS / period) + periods
+            until = min(int(np.rint(period * count * NS)), end_ns)
+        way_ns, rows = _find_waypoints(times.tobytes(), period, after, until)
         ends = np.flatnonzero(rows == 0) if period is not None else np.zeros(0, np.int64)
         if not way_ns.size or way_ns[-1] != until:
             rows = np.append(rows, times.size)
         yield rows, ends
+        after = until
 
 
 @functools.lru_cache(maxsize=64)
-def waypoints_of(times: bytes, period: float | None, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the waypoints in a time interval; cached because most variations have the same times.
-
-    Args:
-        times: waypoint times, float64 [s].
-        period: the waypoints repeat after it [s], or None.
-        after_ns: open start of the interval [ns].
-        until_ns: closed end of the interval [ns].
-
-    Returns:
-        As `find_waypoints`.
-    """
+def _find_waypoints(times: bytes, period: float | None, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Find the waypoints in a time interval, as `find_waypoints`; most variations have the same times."""
     return find_waypoints(np.frombuffer(times), period, after_ns, until_ns)

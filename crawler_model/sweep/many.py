@@ -23,7 +23,7 @@ from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_e
 from ..run.transport import length_of
 from ..scene.scene import Scene
 from .batch import run_stack
-from .course import exact_blocks, most_ramps, waypoints_of
+from .course import exact_course, most_ramps
 from .results import ManyRuns, gather
 from .rows import INVALID, ROW, Ledger, PeriodScrew, find_legs
 from .stack import can_be_stacked, fingerprint, shares_mesh, stack, stack_scenes
@@ -217,36 +217,21 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
 
 
 def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Generate the ramps of a run in blocks.
+    """Generate the ramps of a run in blocks that fit in memory: from waypoint to waypoint if exact, else with ticks.
 
     Yields:
         Targets, shape (V, S + 2 N), and indices of those that end a period.
     """
-    drive = crawler.scene.drive
-    seconds = default_duration(drive) if settings.duration is None else settings.duration
-    for after_ns, tick_ns in _blocks(crawler, round(seconds * NS), settings.rate):
-        until = int(tick_ns[-1])
-        way_ns, way_rows = waypoints_of(drive.times.tobytes(), drive.period, after_ns, until)
-        period_ends = way_rows == 0 if drive.period is not None else np.zeros(way_rows.size, np.bool_)
-        if tick_ns.size == 1 and way_ns.size and way_ns[-1] == until:
-            yield np.ascontiguousarray(drive.targets[way_rows]), np.flatnonzero(period_ends)
-            continue
-        _, targets, at, _ = drive.ramps_between(after_ns, tick_ns)
-        yield targets, at[period_ends]
-
-
-def _blocks(crawler: Crawler, end_ns: int, rate: float) -> Iterator[tuple[int, np.ndarray]]:
-    """Divide a run into blocks that fit in memory.
-
-    Yields:
-        The start of a block [ns], and the ends of its ticks [ns].
-    """
     drive, most = crawler.scene.drive, most_ramps(crawler.body)
-    if crawler.method == "exact":  # ramps from waypoint to waypoint: a block is one tick
-        for after, end in exact_blocks(drive.times, drive.period, end_ns, most):
-            yield after, np.array([end])
+    end_ns = round((default_duration(drive) if settings.duration is None else settings.duration) * NS)
+    if crawler.method == "exact":
+        targets = np.concatenate((drive.targets, drive.sample(np.array([end_ns]))))
+        for rows, ends in exact_course(drive.times, drive.period, end_ns, most):
+            yield targets[rows], ends
         return
-    ratio = rational_rate(rate)
+    ratio = rational_rate(settings.rate)
     ticks = count_ticks(end_ns, ratio)
     for first in range(0, ticks, most):
-        yield min(tick_end_ns(first, ratio), end_ns), tick_ends(first + 1, min(first + most, ticks), ratio, end_ns)
+        tick_ns = tick_ends(first + 1, min(first + most, ticks), ratio, end_ns)
+        _, targets, at, rows = drive.ramps_between(min(tick_end_ns(first, ratio), end_ns), tick_ns)
+        yield targets, at[rows == 0] if drive.period is not None else at[:0]
