@@ -181,7 +181,7 @@ def optimise_command(
         "towards": towards,
         "periods": periods,
     }
-    motion = None if target is None else parse_target(target)
+    motion = None if target is None else _parse_target(target)
     from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
 
     loaded = load_scene(scene)
@@ -204,18 +204,8 @@ def optimise_command(
         raise typer.Exit(130)
 
 
-def parse_target(text: str) -> tuple[float, float, float]:
-    """Parse the option `--target`.
-
-    Args:
-        text: DX,DY,DYAW.
-
-    Returns:
-        dx, dy [m] and dyaw [rad].
-
-    Raises:
-        CrawlerError: if it is not three numbers.
-    """
+def _parse_target(text: str) -> tuple[float, float, float]:
+    """Parse the option `--target`, DX,DY,DYAW: dx, dy [m] and dyaw [rad]."""
     try:
         dx, dy, dyaw = (float(part) for part in text.split(","))
     except ValueError:

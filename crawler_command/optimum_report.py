@@ -9,6 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from crawler_model import Front, Optimum, Scene
+    from crawler_model.optimise.optimum import Weakness
 
 _SHOWN_ROWS = 12
 _NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
@@ -47,7 +48,7 @@ def describe_optimum(found: Optimum) -> list[str]:
         lines.append(f"motion per period {found.motion[0]:.6g} m along x, {found.motion[1]:.6g} m along y")
     if found.gain <= 0.0 and found.objective not in _MOVES:
         lines.append("no gait within these bounds was found that moves forward")
-    lines += [_describe_numbers(found), describe_pace(found)]
+    lines += [_describe_numbers(found), _describe_pace(found)]
     shown = list(zip(found.names, found.values, strict=True))
     lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
     if len(shown) > _SHOWN_ROWS:
@@ -68,7 +69,7 @@ def describe_optimum(found: Optimum) -> list[str]:
         lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
     for weakness in found.weaknesses:
         moves = _MOVES.get(found.objective, "moves forward")
-        lines.append(f"robust: {describe_weakness(weakness.key, weakness.below, weakness.above, moves)}")
+        lines.append(f"robust: {_describe_weakness(weakness, moves)}")
     if found.robustness is not None:
         one = found.robustness
         lines.append(
@@ -102,14 +103,10 @@ def _describe_numbers(found: Optimum) -> str:
     )
 
 
-def describe_pace(found: Optimum) -> str:
+def _describe_pace(found: Optimum) -> str:
     """Describe a gait by what motors feel: the gain per second, per length of stroke and per reversal.
 
-    Args:
-        found: the optimum.
-
-    Returns:
-        One line; a gait that reverses often without a limit of its rates has a remark.
+    A gait that reverses often without a limit of its rates has a remark.
     """
     turns = found.objective == "turn"
     name, gain, unit = ("turn", found.value, "rad") if turns else ("gain", found.gain, "m")
@@ -129,35 +126,22 @@ def _find_reversals(scene: Scene) -> tuple[float, list[int]]:
     drive, sizes = scene.drive, scene.columns.actuation_sizes
     rows = drive.actuation.reshape(drive.times.size, -1)
     first = np.arange(rows.shape[1]) if scene.dimension == 2 else np.cumsum(sizes) - sizes
-    return drive.period or float(drive.times[-1]), [count_reversals(column) for column in rows.T[first]]
+    return drive.period or float(drive.times[-1]), [_count_reversals(column) for column in rows.T[first]]
 
 
-def count_reversals(values: np.ndarray) -> int:
-    """Count how often a periodic quantity changes its direction in a period.
+def _count_reversals(values: np.ndarray) -> int:
+    """Count how often a quantity changes its direction in a period.
 
-    Args:
-        values: at its waypoints, the last one equal to the first, shape (T,).
-
-    Returns:
-        The number of reversals.
+    Its values at the waypoints have shape (T,), and the last one equals the first.
     """
     steps = np.diff(values)
     signs = np.sign(steps[np.abs(steps) > 1e-9 * np.ptp(values)])
     return int((signs != np.roll(signs, 1)).sum())
 
 
-def describe_weakness(key: str, below: float | None, above: float | None, moves: str = "moves forward") -> str:
-    """Describe at which change of a number a gait fails.
-
-    Args:
-        key: the number.
-        below: the factor below which it does, or None.
-        above: the factor above which it does, or None.
-        moves: what the gait does as long as it does not fail.
-
-    Returns:
-        A clause.
-    """
+def _describe_weakness(weakness: Weakness, moves: str) -> str:
+    """Describe at which change of a number a gait no longer does what it should."""
+    key, below, above = weakness.key, weakness.below, weakness.above
     if below == above == 1.0:
         return f"the gait never {moves}"
     edges = [f"{factor:.4g}" for factor in (below, above) if factor is not None]

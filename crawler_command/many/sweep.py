@@ -54,18 +54,8 @@ class Sweep:
     column: str | None = None
 
 
-def parse_axis(text: str) -> tuple[str, np.ndarray]:
-    """Parse one `--vary` option.
-
-    Args:
-        text: KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C.
-
-    Returns:
-        The key and its numbers, shape (N,).
-
-    Raises:
-        CrawlerError: with one line that describes the correct form.
-    """
+def _parse_axis(text: str) -> tuple[str, np.ndarray]:
+    """Parse a `--vary` option, KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C: the key and its numbers, shape (N,)."""
     key, equals, spec = (part.strip() for part in text.partition("="))
     help_text = f"--vary {text}: write KEY=FROM:TO:N, KEY=log:FROM:TO:N or KEY=A,B,C"
     if not key or not equals or not spec:
@@ -126,7 +116,7 @@ def plan_sweep(
     values: dict[str, np.ndarray] = {}
     specs = {}
     for text in axes:
-        key, numbers = parse_axis(text)
+        key, numbers = _parse_axis(text)
         if key in values:
             raise CrawlerError(f"--vary {key}: the key is repeated")
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
@@ -168,7 +158,7 @@ def run_sweep(
     """
     settings = sweep.settings
     if scheduler is not None:
-        runs = simulate_on_cluster(scheduler, sweep.variations, settings, progress)
+        runs = _simulate_on_cluster(scheduler, sweep.variations, settings, progress)
     else:
         runs = simulate_many(sweep.variations, settings.duration, settings.rate, settings.method, workers, progress)
     done = runs.status == "done"
@@ -176,7 +166,7 @@ def run_sweep(
         raise CrawlerError(f"no variation is valid; the reason of the first: {runs.reason[0]}")
     if done.any():
         with whole_file(sweep.out) as part:
-            parquet.write_table(build_table(sweep, runs), part, compression="zstd")
+            parquet.write_table(_build_table(sweep, runs), part, compression="zstd")
         if sweep.png is not None:
             from crawler_pictures.sweep import draw_sweep
 
@@ -187,24 +177,14 @@ def run_sweep(
     return runs
 
 
-def simulate_on_cluster(
+def _simulate_on_cluster(
     address: str, variations: Variations, settings: Settings, progress: Callable[[float], None] | None = None
 ) -> ManyRuns:
-    """Run variations on the workers of a Dask scheduler; they need this package installed.
+    """Run variations on the workers of the Dask scheduler at tcp://host:port; they need this package installed.
 
-    Scenes are sent as documents and numbers, so that workers need no files of this machine.
-
-    Args:
-        address: address of the scheduler, tcp://host:port.
-        variations: the variations to run.
-        settings: settings of each run.
-        progress: called with the fraction done, in [0, 1].
-
-    Returns:
-        The results of `simulate_many`, identical to the bit on equal processors.
-
-    Raises:
-        CrawlerError: when there is no scheduler or no worker, or a worker cannot run the variations.
+    Scenes are sent as documents and numbers, so that workers need no files of this machine. The results are those of
+    `simulate_many`, identical to the bit on equal processors. A `CrawlerError` tells that there is no scheduler or no
+    worker, or that a worker cannot run the variations.
     """
     from .cluster import SchedulerEndedError, connect
 
@@ -230,15 +210,10 @@ def simulate_on_cluster(
     return gather(rows, reasons, interrupted, time.perf_counter() - began)
 
 
-def build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
+def _build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
     """Build the table of results: a row for each variation that was run, in the order of the grid.
 
-    Args:
-        sweep: the sweep.
-        runs: its results.
-
-    Returns:
-        The values varied, status and reason, the results; scene, settings and versions in the metadata.
+    It has the values varied, status and reason, the results; scene, settings and versions in the metadata.
     """
     ran = runs.status != "not run"
     table = runs.to_table().filter(pa.array(ran))
