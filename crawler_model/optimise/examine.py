@@ -19,7 +19,7 @@ from .polish import best_step
 from .regime import Regime, RegimeDerivatives, differentiate_regime
 from .request import Request
 from .search import Found
-from .space import Evaluator, Space
+from .space import Space
 from .unknowns import Unknowns, with_numbers
 
 _NEAR = 1e-9
@@ -128,9 +128,9 @@ def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
     slopes = space.slopes(point)
     if not slopes:
         return math.nan
-    evaluator, size = Evaluator(space, 1), 1e-6
+    size = 1e-6
     planes = [(point, score, slope) for score, slope in slopes]
-    step = best_step(evaluator, point, planes, size) - point
+    step = best_step(space, point, planes, size) - point
     ahead = min(score + slope @ step for _, score, slope in planes) - min(score for _, score, _ in planes)
     per_score = 1.0 + value**2 if space.goal.objective == "cost-of-transport" else 1.0
     return max(float(ahead) / size * per_score, 0.0)

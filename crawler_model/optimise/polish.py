@@ -83,25 +83,25 @@ def _flip_single(evaluator: Evaluator, point: np.ndarray, score: float, stop: St
     space = evaluator.space
     while not stop():
         moves = [(i, bound) for i in range(space.size) for bound in (0.0, 1.0) if point[i] != bound]
-        scores = evaluator.scores([_moved(evaluator, point, [move]) for move in moves])
+        scores = evaluator.scores([_moved(space, point, [move]) for move in moves])
         order = [k for k in best_first(scores) if improves(scores[k], score)]
         if not order:
             break
         counts = [1]
         while counts[-1] < len(order):
             counts.append(min(2 * counts[-1], len(order)))
-        groups = [_moved(evaluator, point, [moves[k] for k in order[:count]]) for count in counts]
+        groups = [_moved(space, point, [moves[k] for k in order[:count]]) for count in counts]
         together = np.append(scores[order[0]], evaluator.scores(groups[1:]))
         best = int(best_first(together)[0])
         point, score = groups[best], float(together[best])
     return point, score
 
 
-def _moved(evaluator: Evaluator, point: np.ndarray, moves: list[tuple[int, float]]) -> np.ndarray:
+def _moved(space: Space, point: np.ndarray, moves: list[tuple[int, float]]) -> np.ndarray:
     moved = point.copy()
     for i, bound in moves:
         moved[i] = bound
-    return evaluator.space.repair(moved)
+    return space.repair(moved)
 
 
 def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
@@ -130,7 +130,7 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
                 return _search_around(evaluator, point, score, stop)
             corner = len(planes)
         sizes = radius * 0.25 ** np.arange(4)
-        steps = [space.repair(best_step(evaluator, point, planes, size)) for size in sizes]
+        steps = [space.repair(best_step(space, point, planes, size)) for size in sizes]
         scores = evaluator.scores(steps)
         best = int(best_first(scores)[0])
         if improves(float(scores[best]), score):
@@ -163,12 +163,12 @@ def _search_around(evaluator: Evaluator, point: np.ndarray, score: float, stop: 
 
 
 def best_step(
-    evaluator: Evaluator, point: np.ndarray, planes: list[tuple[np.ndarray, float, np.ndarray]], size: float
+    space: Space, point: np.ndarray, planes: list[tuple[np.ndarray, float, np.ndarray]], size: float
 ) -> np.ndarray:
     """Maximise the least of several planes within a trust region, the box and the rates.
 
     Args:
-        evaluator: holds the space.
+        space: the candidates.
         point: the middle of the trust region, shape (P,).
         planes: the point at which each was found, its score there, and its derivatives.
         size: largest change of an unknown, in the unit box [1].
@@ -176,7 +176,7 @@ def best_step(
     Returns:
         The maximum, shape (P,).
     """
-    matrix, bound = evaluator.space.limits()
+    matrix, bound = space.limits()
     low, high = np.maximum(-size, -point), np.minimum(size, 1.0 - point)
     if len(planes) == 1 and not bound.size:
         slope = planes[0][2]

@@ -211,7 +211,7 @@ class Unknowns:
     def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
         if self.table is None or waypoints is None:
-            _, seconds, order = _period_of(drive)
+            seconds, order = _period_of(drive)
             if self.base.body.turning is not None or self._is_patched:  # gains count from the first waypoint on
                 seconds, order = np.roll(seconds, 1), np.roll(order, 1)
             return np.concatenate((given[..., :1, :], given[..., order, :]), axis=-2), seconds
@@ -258,7 +258,7 @@ class Unknowns:
             stiffness[:, :first], start[:, :first] = of_keys.stiffness, of_keys.start
             if self.table is None:
                 targets[0, :, :first] = of_keys.targets[0]
-                targets[1:, :, :first] = of_keys.targets[_period_of(scene.drive)[2]]
+                targets[1:, :, :first] = of_keys.targets[_period_of(scene.drive)[1]]
             else:
                 targets[:, :, :first] = of_keys.targets[0]
         if self.table is not None:
@@ -311,13 +311,13 @@ class Unknowns:
         return document
 
 
-def _period_of(drive: Drive) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the waypoints of a period, the first one last: times, durations of the ramps to them, and rows."""
+def _period_of(drive: Drive) -> tuple[np.ndarray, np.ndarray]:
+    """Find the waypoints of a period, the first one last: durations of the ramps to them, and rows."""
     assert drive.period is not None
     rows = np.flatnonzero(drive.times < drive.period)
     order = np.append(rows[1:], rows[0])
     times = np.append(drive.times[rows[1:]], drive.period)
-    return times, np.diff(times, prepend=0.0), order
+    return np.diff(times, prepend=0.0), order
 
 
 def _write_table(table: Table, waypoints: np.ndarray) -> dict[str, Any]:
