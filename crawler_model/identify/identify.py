@@ -163,7 +163,7 @@ def _coarse(problem: Problem) -> Problem:
     most = max(50, _COARSE // sum(len(measured[i].channels) for i in used))
     if len(used) == len(measured) and all(m.time.size <= most for m in measured):
         return problem
-    replicas = [r.head(most if i in used else 50) for i, r in enumerate(problem.replicas)]
+    replicas = [r.showing(r.measured.head(most if i in used else 50)) for i, r in enumerate(problem.replicas)]
     rows = [rows[: r.measured.time.size] for rows, r in zip(problem.rows, replicas, strict=True)]
     return Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
 

@@ -54,7 +54,7 @@ def explore_minima(problem: Problem, fit: Fit, rng: np.random.Generator) -> Fit:
         apart = unknowns - best.unknowns
         spread += weight * np.outer(apart, apart)
         total += weight
-    return replace(best, interrupted=fit.interrupted, starts=fit.starts, reached=fit.reached, spread=spread / total)
+    return replace(best, spread=spread / total)
 
 
 def _draw(problem: Problem, fit: Fit, held: np.ndarray, far: float, rng: np.random.Generator) -> np.ndarray:

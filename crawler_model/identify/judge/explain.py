@@ -113,7 +113,10 @@ def _thin(problem: Problem) -> Problem:
     strides = [max(1, r.measured.time.size // _ROWS) for r in problem.replicas]
     if max(strides) == 1:
         return problem
-    replicas = [r.select(slice(None, None, k)) for r, k in zip(problem.replicas, strides, strict=True)]
+    replicas = [
+        r.showing(replace(r.measured, time=r.measured.time[::k], values=r.measured.values[::k]))
+        for r, k in zip(problem.replicas, strides, strict=True)
+    ]
     rows = [rows[::k] for rows, k in zip(problem.rows, strides, strict=True)]
     thin = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
     extra = [

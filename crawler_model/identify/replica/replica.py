@@ -126,32 +126,18 @@ class Replica:
             raise SceneError(str(error).replace("vary: ", f"{caller}: ").replace("; vary ", "; fit ")) from None
         self.observation = observation(self._base.body, measured.channels)
 
-    def select(self, rows: slice) -> Replica:
-        """Build the replica of some rows.
+    def showing(self, measured: Measurements) -> Replica:
+        """Build the replica of fewer rows of the recording.
 
         Args:
-            rows: the rows.
+            measured: these rows, with all commands that matter for them.
 
         Returns:
-            A replica with the same commands.
+            A replica with the same model.
         """
-        measured = self.measured
-        chosen = copy.copy(self)
-        chosen.measured = dataclasses.replace(measured, time=measured.time[rows], values=measured.values[rows])
-        return chosen
-
-    def head(self, rows: int) -> Replica:
-        """Build the replica of the first rows.
-
-        Args:
-            rows: their number.
-
-        Returns:
-            A replica with all commands that matter for them.
-        """
-        chosen = copy.copy(self)
-        chosen.measured = self.measured.head(rows)
-        return chosen
+        other = copy.copy(self)
+        other.measured = measured
+        return other
 
     def at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
         """Build the scene at some values, and its motion at the rows of the recording.
