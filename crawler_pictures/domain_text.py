@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Trajectory, simulate
+from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution, section_forces
 
@@ -68,12 +69,9 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
     Returns:
         mu_plus and mu_minus, linear between waypoints, each of shape (T, N) [N].
     """
-    drive = scene.drive
-
-    def read(rows: np.ndarray) -> np.ndarray:
-        return np.column_stack([np.interp(time_s, drive.times, mu, period=drive.period) for mu in rows.T])
-
-    return read(drive.forward), read(drive.backward)
+    springs, contacts = scene.body.springs, scene.body.contacts
+    targets = scene.drive.sample(np.rint(time_s * NS).astype(np.int64))
+    return targets[:, springs:][:, :contacts], targets[:, springs + contacts :][:, :contacts]
 
 
 def title(scene: Plan) -> str:

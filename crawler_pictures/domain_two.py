@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from crawler_model import Trajectory
+from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution
 
@@ -96,9 +97,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
 
 def _actuation(run: Trajectory) -> np.ndarray:
     """Interpolate the actuation at the ticks of a run, shape (T, springs) [m]."""
-    drive = run.scene.drive
-    columns = [np.interp(run.time, drive.times, column, period=drive.period) for column in drive.actuation.T]
-    return np.column_stack(columns)
+    return run.scene.drive.sample(np.rint(run.time * NS).astype(np.int64))[:, : run.scene.body.springs]
 
 
 def _turned(force: np.ndarray) -> np.ndarray:
