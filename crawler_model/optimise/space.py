@@ -234,8 +234,8 @@ class Evaluator:
         self.best = np.zeros(0), -math.inf, 0.0
         """The best of them, shape (P,), its score, and when it was found, as by `clock` [s]."""
         self._lock = threading.Lock()
-        self._threads = available_cores() if threads is None else threads
-        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        threads = available_cores() if threads is None else threads
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def scores(self, points: Sequence[np.ndarray]) -> np.ndarray:
         """Compute the scores of candidates.

@@ -62,7 +62,7 @@ def _groups(whole: Stack, duration: float | None) -> Iterator[tuple[np.ndarray, 
     valid = np.setdiff1d(np.arange(len(whole)), list(whole.reasons))
     period = whole.period
     timing = whole.times if period is None else np.column_stack((whole.times, period))
-    groups: dict[Any, list[tuple[np.ndarray, np.ndarray, Course]]] = {}
+    groups: dict[tuple[bytes, ...], list[tuple[np.ndarray, np.ndarray, Course]]] = {}
     for lanes in _equal_rows(timing, valid):
         times, repeat = whole.times[lanes[0]], None if period is None else float(period[lanes[0]])
         part = whole if lanes.size == len(whole) else whole.select(lanes)
@@ -73,13 +73,9 @@ def _groups(whole: Stack, duration: float | None) -> Iterator[tuple[np.ndarray, 
             return exact_course(times, repeat, end_ns, most_ramps(whole.body))
 
         blocks = list(itertools.islice(course(), 2))
-        targets = part.targets
-        beyond = drive.sample(np.array([end_ns]))
-        if len(blocks) == 1:
-            key: Any = (blocks[0][0].tobytes(), blocks[0][1].tobytes())
-        else:
-            key = timing[lanes[0]].tobytes()
-        groups.setdefault(key, []).append((lanes, np.concatenate((targets, beyond), axis=1), course))
+        targets = np.concatenate((part.targets, drive.sample(np.array([end_ns]))), axis=1)
+        parts = blocks[0] if len(blocks) == 1 else (timing[lanes[0]],)
+        groups.setdefault(tuple(array.tobytes() for array in parts), []).append((lanes, targets, course))
     for each in groups.values():
         lanes, targets = (np.concatenate([group[k] for group in each]) for k in (0, 1))  # type: ignore[misc]
         yield lanes, targets, each[0][2]
