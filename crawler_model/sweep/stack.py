@@ -85,11 +85,6 @@ class Stack:
         """Displacement at the start, shape (M, N) [m]."""
         return self.assembly.start_displacement
 
-    @property
-    def weight(self) -> np.ndarray:
-        """Weight of each contact, shape (M, N) [N]."""
-        return self.assembly.ground.weight
-
     def select(self, at: np.ndarray | slice) -> Stack:
         """Select some of the variations.
 

@@ -94,7 +94,7 @@ def check(together: Stack, variations: Any) -> int:
         assert not together.targets[i, :, own:].any()  # loads of a slope that this one does not have
         np.testing.assert_array_equal(together.times[i], one.drive.times)
         np.testing.assert_array_equal(together.start[i], one.start_displacement)
-        np.testing.assert_array_equal(together.weight[i], one.ground.weight)
+        np.testing.assert_array_equal(together.assembly.ground.weight[i], one.ground.weight)
         assert together.length[i] == np.ptp(one.body.position)
         assert (together.period is None) == (one.drive.period is None)
         if together.period is not None:
