@@ -76,9 +76,8 @@ class Identification:
             The scene; its drive is the recorded commands, straight between rows, with lengths as the actuators reach
             them if they have a gain.
         """
-        measured = self.recordings[recording]
-        gains = [one.value for one in self.sensors if (one.name, one.recording) == (GAIN, measured.name)]
-        return playback(self.scene, measured, gains[0] if gains else 0.0)
+        gains = [one.value for one in self.sensors if one.name == GAIN]  # one of each recording
+        return playback(self.scene, self.recordings[recording], gains[recording])
 
     def __repr__(self) -> str:
         """Describe the result in one line."""

@@ -179,14 +179,19 @@ def test_the_gain_of_the_actuators_moves_predictions_and_what_is_played_back(gai
     np.testing.assert_allclose(np.diff(played.displacement), np.diff(measured[0].values) - 0.1, atol=1e-3)
 
 
-def test_gains_that_contradict_each_other_widen_the_posterior():
+def test_gains_that_contradict_each_other_widen_the_posterior_and_each_belongs_to_its_recording():
+    """Tables in different folders may have the same name."""
     document, measured = chain(3), []
     for k, factor in enumerate((1.02, 1.06)):
         times, rows = walk(2, 6.0, k)
         moved = measure(document, times, factor * rows, noise=1e-4, seed=k)
-        measured.append(dataclasses.replace(moved, commands=rows))
+        measured.append(dataclasses.replace(moved, name="run.csv", commands=rows))
     sensor = Sensor(scale=Prior(0.0, 0.0), gain=Prior(0.0, 0.05))
-    known = identify(Scene.model_validate(document), measured, ["friction.forward"], sensor=sensor).posterior
+    found = identify(Scene.model_validate(document), measured, ["friction.forward"], sensor=sensor)
+    for k, factor in enumerate((1.02, 1.06)):
+        played = np.abs(found.playback(k).drive.rows[:, :2]).max() / np.abs(measured[k].commands).max()
+        assert played == pytest.approx(factor, abs=5e-3)
+    known = found.posterior
     assert known.gain == pytest.approx(0.04, abs=5e-3)
     assert 0.01 < np.sqrt(known.covariance[-1, -1]) < 0.04
 
