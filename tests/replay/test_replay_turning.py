@@ -125,7 +125,13 @@ def test_points_that_do_not_touch_the_ground_neither_slip_nor_have_a_margin(tmp_
     scene = load_scene("tripedal_star")
     start, stroke = scene.drive.rows[0], 1e-4 * np.eye(scene.columns.count)[3]
     little = [(tick * 10**8, [10**8], [start + tick * stroke]) for tick in range(15)]
-    found = analyse(write(tmp_path / "star", messages(scene, little, 10.0), attachments(scene, 10.0)))
+    pieces = []
+    found = analyse(
+        write(tmp_path / "star", messages(scene, little, 10.0), attachments(scene, 10.0)), sinks=[pieces.append]
+    )
     assert found.slips.contact.size == 0
+    gained = np.concatenate([piece.gained for piece in pieces])
+    assert np.abs(gained[:, 0]).max() > 1e-7  # it moves all the same
+    assert np.abs(np.sum(gained, axis=0) - (pieces[-1].position[-1] - scene.body.position)).max() < 1e-12
     assert found.margins.least > 0.01
     assert found.standstill.commanded_until == pytest.approx(1.5)

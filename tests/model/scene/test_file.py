@@ -100,6 +100,15 @@ def strange_paths(folder: Path) -> list[tuple[str, str]]:
     ]
 
 
+def test_a_path_may_have_no_suffix(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "two_anchor_a").write_text(
+        "name: mine\nbody: {contacts: [0, 1], links: {stiffness: 1}}\nfriction: {isotropic: 1}\n"
+    )
+    assert load_scene("./two_anchor_a").name == "mine"
+    assert load_scene("two_anchor_a").name == "two_anchor_a"
+
+
 def test_a_strange_scene_path_is_one_line(tmp_path):
     for path, said in strange_paths(tmp_path):
         with pytest.raises(SceneError) as error:
