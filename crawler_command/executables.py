@@ -122,9 +122,10 @@ def _run(name: str, module: str) -> int:
         return STOPPED
     finally:
         gc.freeze()  # to look for garbage in all that is loaded once more would take the exit a tenth of a second
-        if (
-            signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-        ):  # while the interpreter exits, Ctrl-C ends it silently
+        if name != "crawler":  # a signal that is repeated would end a node while its interpreter exits
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        elif not ignored:  # while the interpreter exits, Ctrl-C ends it silently
             signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 

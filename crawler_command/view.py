@@ -141,12 +141,14 @@ def read_frames(
     loaded = None if scene is None else load_scene(scene)
     robot = None if namespace is None else choose_robot(survey_recording(recording), namespace)
     attached = read_head(recording).attachments
-    ran, every = loaded or recorded_scene(recording, attached), published_every(attached) or 1
+    ran = loaded or recorded_scene(recording, attached)
+    every = published_every(attached) or 1
     jumps = jumps and ran is not None and (ran.ground.track is not None or ran.body.turning is not None)
     if ran is None or (every == 1 and not jumps):
         return frames_of_recording(recording, loaded, robot)
-    ticks, one = TickFrames(ran, every_ns), robot or noted_robot(attached)
-    found = analyse(recording, ran, None if one is None else one.namespace, [ticks] if every > 1 else [])
+    ticks = TickFrames(ran, every_ns)
+    drawn = robot or noted_robot(attached)
+    found = analyse(recording, ran, None if drawn is None else drawn.namespace, [ticks] if every > 1 else [])
     if every == 1:
         return frames_of_recording(recording, loaded, robot, found.table.jumps)
     if not ticks.frames:

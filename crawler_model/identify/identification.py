@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,7 @@ class Identification:
             "schema": 1,
             "scene": self.scene.name,
             "parameters": [p.as_plain() for p in self.parameters],
-            "sensors": [vars(s) | {"interval": list(s.interval), "prior": list(s.prior)} for s in self.sensors],
+            "sensors": [asdict(s) | {"interval": list(s.interval), "prior": list(s.prior)} for s in self.sensors],
             "posterior": self.posterior.as_plain(),
             "residual": self.residual,
             "noise": self.noise,
@@ -106,7 +106,7 @@ class Identification:
             "model_fits": self.model_fits,
             "where": self.where,
             "misfits": [m.as_plain() for m in self.misfits],
-            "explanations": [vars(e).copy() for e in self.explanations],
+            "explanations": [asdict(e) for e in self.explanations],
             "warnings": list(self.warnings),
             "recordings": [
                 {

@@ -98,7 +98,19 @@ def optimise(
         check_uncertain(robust_of, objective, robust)
         scene = robust_to.apply(scene)
     request = Request(
-        objective, waypoints, stroke, free, rate, tension, robust, period, seconds, seed, target, towards, periods
+        objective,
+        waypoints=waypoints,
+        stroke=stroke,
+        free=free,
+        rate=rate,
+        tension=tension,
+        robust=robust,
+        period=period,
+        seconds=seconds,
+        seed=seed,
+        target=target,
+        towards=towards,
+        periods=periods,
     )
     unknowns, space = build_space(scene, request)
     if robust_to is not None:

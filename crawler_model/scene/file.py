@@ -241,7 +241,8 @@ def load_scene(path_or_name: str | Path) -> Scene:
     """Load a scene from a file or from the gallery.
 
     Args:
-        path_or_name: a path (anything with a suffix or a separator), or a name listed by `gallery`.
+        path_or_name: a path (anything with a suffix or a separator; a `Path` keeps no `./`, a text does), or a name
+            listed by `gallery`.
 
     Returns:
         The scene.

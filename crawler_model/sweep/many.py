@@ -234,4 +234,5 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
     for first in range(0, ticks, most):
         tick_ns = tick_ends(first + 1, min(first + most, ticks), ratio, end_ns)
         _, targets, at, rows = drive.ramps_between(min(tick_end_ns(first, ratio), end_ns), tick_ns)
-        yield targets, at[rows == 0] if drive.period is not None else at[:0]
+        ends = at[rows == 0] if drive.period is not None else at[:0]
+        yield targets, ends

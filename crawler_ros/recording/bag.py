@@ -220,8 +220,7 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
             if number in bag.channels:
                 channel, schema = bag.channels[number]
                 data = block.data[first : first + size].tobytes()
-                described = channel, schema, number, sequence
-                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, *described)
+                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema, number, sequence)
 
 
 def read_head(path: Path) -> Bag:
@@ -316,8 +315,9 @@ def _copy(path: Path, bag: Bag, writer: BagWriter) -> int:
     count = 0
     for record in read(path):
         if record.number not in channels:
-            described = record.schema.data, record.channel.metadata
-            channels[record.number] = writer.add_channel(record.topic, record.type, *described)
+            channels[record.number] = writer.add_channel(
+                record.topic, record.type, record.schema.data, record.channel.metadata
+            )
         writer.write(channels[record.number], record.log_ns, record.publish_ns, record.data, record.sequence)
         count += 1
     return count

@@ -146,15 +146,15 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
                 space = topic.removesuffix(name).rstrip("/") or "/"
                 found.setdefault(space, robot_in(space))
     names = ", ".join(sorted(found))
+    if not survey.topics:
+        hint = "" if survey.complete else "; its end is missing, and no message before it can be read"
+        raise bag.BagError(f"{survey.path}: the recording has no messages{hint}")
     if namespace is not None:
         wanted = f"/{namespace.strip('/')}"
         if wanted in found:
             return found[wanted]
         there = f"there are {names}" if found else "the recording has no crawler"
         raise bag.BagError(f"{survey.path}: no crawler in the namespace {wanted}; {there}")
-    if not survey.topics:
-        hint = "" if survey.complete else "; its end is missing, and no message before it can be read"
-        raise bag.BagError(f"{survey.path}: the recording has no messages{hint}")
     if not found:
         listed = [f"{name} ({stamps.type})" for name, stamps in sorted(survey.topics.items())]
         more = f" and {len(listed) - 4} more" if len(listed) > 4 else ""

@@ -94,13 +94,15 @@ def test_a_trajectory_runs_in_straight_lines_through_its_points():
 
 
 def test_a_point_that_is_past_and_followed_by_nothing_takes_the_tick():
-    for times, expected in (
-        ([0], [(1.0, 1.0)]),
-        ([0, 0], [(0.0, 1.0), (1.0, 2.0)]),
-        ([0, TICK], [(0.0, 1.0), (1.0, 2.0)]),
-    ):
+    cases = (
+        ([0], [1.0], [(1.0, 1.0)]),
+        ([0, 0], [1.0, 2.0], [(0.0, 1.0), (1.0, 2.0)]),
+        ([0, TICK], [1.0, 2.0], [(0.0, 1.0), (1.0, 2.0)]),
+        ([0, 5 * TICK], [1.0, 1.0], [(0.0, 1.0)]),
+    )
+    for times, values, expected in cases:
         commands = queue(2)
-        commands.accept_trajectory(["link_0"], times, [[1.0], [2.0]][: len(times)], 0)
+        commands.accept_trajectory(["link_0"], times, [[value] for value in values], 0)
         assert [(v.due_ns / TICK, v.row[0]) for v in take(commands)] == expected
 
 

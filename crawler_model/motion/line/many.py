@@ -30,7 +30,8 @@ def follow_many(contacts, springs, ramps, memory, targets, course, output):
     path = np.empty((rows.shape[0], targets.shape[2]))
     for m in range(targets.shape[0]):
         for v in range(rows.shape[0]):
-            path[v] = targets[m, rows[v]]
+            for f in range(path.shape[1]):  # a slice that is assigned takes long to compile
+                path[v, f] = targets[m, rows[v], f]
         for leg in range(legs.shape[0] - 1):
             first, last = legs[leg], legs[leg + 1]
             follow(contacts[m], springs[m], ramps, memory, path[first:last], accounts[m], records[m, first:last])

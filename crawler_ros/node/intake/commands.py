@@ -259,10 +259,10 @@ class CommandQueue:
             The vertices; an empty list to hold.
         """
         self.now_ns, self._tick_ns = end_ns, end_ns - start_ns
-        vertices = self._take(start_ns, end_ns)
-        self.ended = bool(vertices) and not self._path.ahead
-        vertices = self._without_repeats(vertices)
-        if vertices and vertices[-1].due_ns <= start_ns:
+        taken = self._take(start_ns, end_ns)
+        self.ended = bool(taken) and not self._path.ahead
+        vertices = self._without_repeats(taken)
+        if vertices and taken[-1].due_ns <= start_ns:
             vertices[-1] = Vertex(end_ns, vertices[-1].row)
         return vertices
 

@@ -30,7 +30,7 @@ def follow_waypoints(due, near, start_ns, ends_ns, in_force):
     for tick in range(ticks):
         while before + 1 < due.size and due[before + 1] <= ends_ns[tick]:
             before += 1
-            rows[vertex] = near[before]
+            _copy(rows[vertex], near[before])
             due_ns[vertex] = max(due[before], start_ns)
             vertex += _differs(rows[vertex], in_force if vertex == 0 else rows[vertex - 1])
             if before + 1 == due.size:
@@ -40,11 +40,18 @@ def follow_waypoints(due, near, start_ns, ends_ns, in_force):
             for c in range(columns):
                 rows[vertex, c] = near[before, c] + part * (near[before + 1, c] - near[before, c])
             if part == 0.0:
-                rows[vertex] = near[before]  # a sum would change the bits of -0
+                _copy(rows[vertex], near[before])  # a sum would change the bits of -0
             due_ns[vertex] = ends_ns[tick]
             vertex += _differs(rows[vertex], in_force if vertex == 0 else rows[vertex - 1])
         first[tick + 1] = vertex
     return due_ns[:vertex], rows[:vertex], first, ended
+
+
+@inner
+def _copy(row, other):
+    """Copy a row into another, shape (C,): a slice that is assigned takes long to compile."""
+    for c in range(row.size):
+        row[c] = other[c]
 
 
 @inner

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
 import sys
 from collections.abc import Callable
 from importlib import resources
@@ -116,7 +115,5 @@ def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words
             return 1
         return 0
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM):  # repeated, they would end the interpreter while it exits
-            signal.signal(number, signal.SIG_IGN)
         rclpy.try_shutdown()
         gc.freeze()  # to look for garbage in all that is loaded once more would take the exit a tenth of a second
