@@ -81,11 +81,11 @@ def check(
     """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     from crawler_model import load_scene
 
-    from .check import print_report, summarise
+    from .check import choose_rate, print_report, summarise
 
     check_output("--png", png, ".png", force)
     loaded = load_scene(scene)
-    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, RATE, None)
+    run = run_scene(loaded, None if not loaded.drive.holds else 0.0, choose_rate(loaded), None)
     if png is not None:
         from crawler_pictures.domain import draw_domain
 

@@ -9,10 +9,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crawler_model import Trajectory
+from crawler_model import Scene, Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
+from crawler_model.run.simulate import default_duration
+from crawler_model.run.ticks import RATE
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import error_of, write_length
@@ -23,12 +25,30 @@ from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
 
 _MOST_ROWS = 20
+_MOST_NUMBERS = 2e7
+"""Positions of contacts that a run for the report may hold."""
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
 _LONGEST = 20.0  # m: longer than any robot of the literature
 _SLOWEST = 200.0  # s
 _DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
+
+
+def choose_rate(scene: Scene) -> float:
+    """Choose ticks at whose ends all waypoints lie, where forces are largest and contacts turn round.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The lowest rate that does, up to 100 times the usual one; less if the run would be too long for memory [Hz].
+    """
+    times = np.append(scene.drive.times, scene.drive.period or 0.0)
+    most = _MOST_NUMBERS / (max(default_duration(scene.drive), 1e-9) * scene.body.contacts)
+    rates = [RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if RATE * factor <= most]
+    met = [rate for rate in rates if np.abs(times * rate - np.rint(times * rate)).max() < 1e-6]
+    return (met or rates[-1:] or [RATE])[0]
 
 
 def print_report(run: Trajectory, screen: Console) -> None:

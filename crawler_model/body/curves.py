@@ -65,12 +65,14 @@ class Curve:
         Returns:
             The curve of min(max(T, least), most).
         """
-        cuts = [at for tension in (least, most) for at in self.reach(tension)]
-        at = np.union1d(self.at, cuts)
+        cuts = {at: tension for tension in (least, most) for at in self.reach(tension)}
+        at = np.union1d(self.at, list(cuts))
+        value = np.clip(self(at), least, most)
+        value[np.searchsorted(at, list(cuts))] = list(cuts.values())  # exactly, or a slope of rounding would remain
         before, behind = self([at[0] - 1.0, at[-1] + 1.0])  # where no knots are left
         first = self.first if least <= before <= most else 0.0
         last = self.last if least <= behind <= most else 0.0
-        return Curve(at, np.clip(self(at), least, most), first, last).simplified()
+        return Curve(at, value, first, last).simplified()
 
     def reach(self, tension: float) -> list[float]:
         """Find where the curve passes a tension.

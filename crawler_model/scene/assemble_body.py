@@ -16,7 +16,7 @@ from ..body.ground import Ground
 from ..errors import SceneError
 from .assemble_links import assemble_bends, read_links
 from .assemble_turning import assemble_turning_body
-from .friction_parts import TablePart, average, breaks_of, check_field, field_of
+from .friction_parts import TablePart, check_field, field_of
 from .link_parts import SegmentPart
 from .parts import SceneParts, angles_of
 
@@ -46,11 +46,21 @@ def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
     if part.stiffness is None:
         return np.ones(elements)
     if isinstance(part.stiffness, TablePart):
-        modulus = field_of(part.stiffness)
-        compliance = average(lambda x: 1.0 / modulus(x), nodes, breaks_of(part.stiffness))
+        compliance = _average_compliance(part.stiffness, nodes)
     else:
         compliance = np.repeat(np.atleast_1d(1.0 / part.stiffness), elements, axis=-1)
     return np.asarray(1.0 / (compliance * (part.stop - part.start) / elements))
+
+
+def _average_compliance(modulus: TablePart, nodes: np.ndarray) -> np.ndarray:
+    """Compute the mean of 1 / k over each element: k is linear between cuts, and the integral of 1 / k a logarithm."""
+    at = np.array(modulus.at)
+    cuts = np.union1d(nodes, at[(at > nodes[0]) & (at < nodes[-1])])
+    k = field_of(modulus)(cuts)
+    growth = np.diff(k) / k[:-1]
+    mean = np.divide(np.log1p(growth), growth, out=np.ones_like(growth), where=growth != 0.0) / k[:-1]
+    integral = np.concatenate(([0.0], np.cumsum(mean * np.diff(cuts))))
+    return np.diff(integral[np.searchsorted(cuts, nodes)]) / np.diff(nodes)
 
 
 def _end(value: int | str, link: int) -> End:

@@ -142,7 +142,9 @@ def check_start(assembly: Assembly) -> None:
             "`start: relaxed` for the least tensions that hold the loads"
         )
     proposal = "write `start: relaxed`"
-    if not body.segments:
+    if any(bend.limits[0] > 0.0 or bend.limits[1] < 0.0 for bend in body.bends):
+        proposal = "where limits of `tension` leave 0 N out, actuators pull at any start: widen them, or raise friction"
+    elif not body.segments:
         relaxed = x[0] + body.relaxed(drive.actuation[0])
         text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
         proposal = f"a start without tension is [{text}], or {proposal}"

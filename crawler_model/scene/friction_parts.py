@@ -20,6 +20,8 @@ _DEEP = {"anyOf": [_NUMBER, {"type": "array", "items": _TABLE}]}
 
 
 def _number(value: Any) -> float:
+    if isinstance(value, np.generic):
+        value = value.item()
     if isinstance(value, str):  # YAML 1.1 reads 1e-3 as text
         try:
             value = float(value)
@@ -37,6 +39,8 @@ def _number(value: Any) -> float:
 
 
 def _nested(value: Any, depth: int) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if depth > 0 and isinstance(value, (list, tuple)):
         return tuple(_nested(v, depth - 1) for v in value)
     return _number(value)

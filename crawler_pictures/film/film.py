@@ -95,8 +95,9 @@ class Film:
             weight = part.reshape(-1, *(1,) * (values.ndim - 1))
             return np.asarray(values[before] + weight * (values[after] - values[before]))
 
-        first = np.append(after[:1], np.searchsorted(self.time, times[:-1], side="right"))
-        last = np.minimum(np.searchsorted(self.time, times), self.time.size - 1)
+        rounding = 1.0 / NS  # an instant at the end of a tick belongs to that tick
+        first = np.append(after[:1], np.searchsorted(self.time, times[:-1] + rounding, side="right"))
+        last = np.minimum(np.searchsorted(self.time, times - rounding), self.time.size - 1)
         slid = np.maximum.accumulate(np.where(self.state != 0, np.arange(self.time.size)[:, None], -1), axis=0)[last]
         state = np.take_along_axis(self.state, np.maximum(slid, 0), axis=0)
         return replace(

@@ -12,7 +12,7 @@ import osqp
 import pytest
 import scipy.sparse as sp
 
-from crawler_command.check import print_report
+from crawler_command.check import choose_rate, print_report
 from crawler_command.screen import Screen
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
@@ -353,6 +353,35 @@ def test_check_reports_stalls_and_commands_that_avoid_them():
 def test_check_reports_the_largest_force_of_an_actuator(name, force):
     """Without the force that stops beside it carry: 100 N/m * (0.0118 - 0.03) m there."""
     assert f"largest force of an actuator along the drive: {force:g} N" in report_of(load_scene(name))
+
+
+def test_check_meets_waypoints_between_the_usual_ticks():
+    """100 N/m * 0.055 m at 0.045 s: the ends of ticks at 100 Hz are 0.005 s beside it."""
+    drive = {"times": [0, 0.045, 0.1], "period": 0.1, "actuation": [[0], [0.055], [0]]}
+    scene = Scene.model_validate(two_contacts({"stiffness": 100.0}, 0.1, 10.0).document() | {"drive": drive})
+    assert choose_rate(scene) == 200.0
+    assert choose_rate(load_scene("two_anchor_a")) == 100.0
+    screen = Screen(file=io.StringIO(), width=300)
+    print_report(simulate(scene, rate=choose_rate(scene)), screen)
+    assert "largest force of an actuator along the drive: 5.5 N" in screen.file.getvalue()
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_limit_cuts_a_measured_curve_exactly(seed):
+    """A cut that misses the limit by rounding would leave a slope of 1e-15 N/m behind it, which scenes refuse."""
+    rng = np.random.default_rng([2028, seed])
+    at = np.concatenate(([-1.0, 0.0], np.cumsum(rng.integers(1, 10, 4)) / 10))
+    value = np.concatenate(([-2.0, 0.0], np.cumsum(rng.integers(1, 30, 4)) / 10))
+    link = {"curve": {"elongation": at.tolist(), "tension": value.tolist()}}
+    scene = two_contacts(link | {"tension": float(rng.uniform(0.05, 0.95) * min(2.0, value[-1]))}, 0.1)
+    assert scene.body.bends[0].actuator.slopes[-1] == 0.0
+
+
+def test_a_start_that_pretension_forbids_names_the_limits():
+    document = two_contacts({"stiffness": 10.0}, 0.1).document()
+    document["body"]["links"] = {"stiffness": 10.0, "tension": {"least": 9.0}}
+    with pytest.raises(SceneError, match=r"limits of `tension` leave 0 N out, actuators pull at any start"):
+        Scene.model_validate(document)
 
 
 def test_check_reports_friction_that_a_motor_never_overcomes():

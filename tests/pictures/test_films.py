@@ -195,6 +195,15 @@ def test_a_sampled_run_keeps_positions_and_every_slip():
         assert np.array_equal(film.state[k] != 0, slid)
 
 
+@pytest.mark.parametrize("fps", [25, 30])
+def test_a_frame_at_the_end_of_a_tick_shows_that_tick(fps):
+    """Instants of frames, k / fps, differ from the ends of ticks, in whole nanoseconds, by rounding."""
+    scene = load_scene("three_contacts_two_ways")
+    times = frame_times(0.0, 8.0, fps, 1.0)
+    run = simulate(scene, float(times[-1]), fps)
+    assert np.array_equal(film_of_run(scene, run).sample(times).state, run.contact_state)
+
+
 @pytest.mark.parametrize("name", ["two_anchor_a", "slope_climber", "three_contacts_two_ways"])
 def test_the_point_stays_in_the_set_that_moves_with_the_actuation(name):
     film = film_of(name)

@@ -108,6 +108,15 @@ def test_short_waves_are_resolved():
     assert 4 * 293.5 <= scene.body.segments[0].elements <= 4 * 294
 
 
+def test_the_compliance_of_an_element_is_the_integral_of_one_over_the_modulus():
+    """1 / k of a modulus that falls from a to b over a length: length ln(a / b) / (a - b), also where it is steep."""
+    table = {"at": [0.0, 0.5, 0.75, 1.0], "value": [200.0, 0.5, 0.5, 200.0]}
+    piece = np.log(200.0 / 0.5) / 199.5
+    for elements in (1, 4, 7):
+        scene = segment(0.1, elements=elements, stiffness=table)
+        assert np.sum(1.0 / scene.body.stiffness) == pytest.approx(0.5 * piece + 0.25 / 0.5 + 0.25 * piece, rel=1e-12)
+
+
 def test_fields_are_averaged_exactly_between_their_breaks():
     edges = np.array([0.0, 0.5, 2.0])
     kink = average(lambda x: np.abs(x - 0.2), edges, np.array([0.2]))

@@ -7,7 +7,7 @@ import pickle
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate_many, vary
+from crawler_model import Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate, simulate_many, vary
 
 RING = {
     "name": "ring",
@@ -33,6 +33,22 @@ def test_a_scene_has_a_name_a_hash_and_an_equal_copy():
     assert pickle.loads(pickle.dumps(scene)) == scene
     assert len({scene, load_scene("two_anchor_a")}) == 1
     assert scene != "two_anchor_a"
+
+
+def test_a_copy_of_a_scene_whose_elements_follow_from_its_accuracy_is_equal():
+    scene = load_scene("peristaltic_segment")
+    assert pickle.loads(pickle.dumps(scene)) == scene == Scene.model_validate(scene.document())
+
+
+def test_numbers_of_numpy_are_numbers():
+    links = {"stiffness": np.array([1.0, 2.0], np.float32)}
+    body = {"contacts": list(np.arange(3)), "links": links}
+    given = {"name": "a", "body": body, "friction": {"isotropic": np.float32(0.5)}}
+    scene = Scene.model_validate(given)
+    assert scene.body.stiffness.tolist() == [1.0, 2.0]
+    assert simulate(scene, np.float32(0.5), np.int64(10)).time.size == 6
+    with pytest.raises(SceneError, match="True is not a number"):
+        Scene.model_validate(given | {"friction": {"isotropic": np.True_}})
 
 
 def test_variations_take_names_and_refuse_what_is_no_scene():
