@@ -188,22 +188,6 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
     return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0], *of_plane, jumps)
 
 
-def constant_arrays(scene: Scene, names: tuple[str, ...], values: np.ndarray) -> Derivatives:
-    """Build the derivatives of arrays that do not change with their parameters.
-
-    Args:
-        scene: the scene.
-        names: of the parameters.
-        values: of the parameters, shape (P,).
-
-    Returns:
-        Zeros.
-    """
-    zeros = [np.zeros((*np.shape(array), len(names))) for array in _arrays(scene)]
-    stiffness, pieces, targets, start, times, period, *_ = zeros
-    return Derivatives(names, values, stiffness, pieces, targets, start, times, period[0])
-
-
 def _differentiate_together(
     scene: Scene, origin: dict[str, float], changing: dict[str, tuple[str, ...]]
 ) -> dict[str, np.ndarray]:

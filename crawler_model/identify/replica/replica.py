@@ -18,7 +18,7 @@ import numpy as np
 from ...body.columns import Columns
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
-from ...derivative.parameters import Derivatives, constant_arrays, differentiate_arrays, with_loads
+from ...derivative.parameters import Derivatives, differentiate_arrays, with_loads
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ...sweep.keys import key_steps
@@ -278,15 +278,14 @@ class Replica:
         return find_distances(body, derivatives.pieces, body.elongation(x), targets[:, : body.springs])
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
-        """Build the arrays at some values, and their derivatives, or zeros; None if they are not valid."""
+        """Build the arrays at some values, and their derivatives, or those elsewhere; None if they are not valid."""
         local, base = self._local, self._base
         if not self._is_affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
+                local = dataclasses.replace(local, values=values)
                 if with_derivatives:
                     local = differentiate_arrays(base, self._keys, _CALLER)
-                else:
-                    local = constant_arrays(base, self._keys, values)
             except SceneError:
                 return None
         step = values - local.values
