@@ -18,7 +18,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
-from crawler_model.body.names import name_links
+from crawler_model.body.names import name_each
 from crawler_ros.node.life.stop import StopFlag
 from crawler_ros.node.stepper import Stepper
 from crawler_ros.wire.definitions import find_ament_prefix
@@ -89,7 +89,7 @@ def echo(links: int) -> None:
         topics = read_topics()
         commands, states = topics["actuation_controller/commands"], topics["joint_states"]
         publisher = node.create_publisher(message_class(states.type), states.name, qos_profile(states))
-        state, count = JointStateMessage(["contact_0", *name_links(links)]), itertools.count(1)
+        state, count = JointStateMessage(["contact_0", *name_each("link", links)]), itertools.count(1)
 
         def answer(_: bytes) -> None:
             publisher.publish(state.encode(next(count) * NS // 1000))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from crawler_model.body.names import name_joints, name_links
+from crawler_model.body.names import name_each, name_joints
 
 from ..cases import snake_scene
 from .domain import Domain, build_trajectory
@@ -86,7 +86,7 @@ def _wave_trajectory(contacts: int) -> Any:
     samples, periods = 16, (6000 if contacts <= 100 else 120)  # a quick processor ends 3 000 periods in 3 s
     time_in_period = np.arange(samples * periods)[:, None] / samples
     rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
-    return build_trajectory(name_links(contacts - 1), rows, 1.0 / samples)
+    return build_trajectory(name_each("link", contacts - 1), rows, 1.0 / samples)
 
 
 def strokes(domain: Domain) -> None:

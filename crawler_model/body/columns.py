@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import CrawlerError, SceneError
 from .body import Body
-from .names import name_contacts, name_links, name_turning_joints
+from .names import name_each
 from .planar_loads import check_planar_equilibrium
 from .turning import SIDES
 
@@ -106,13 +106,13 @@ class Columns:
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the columns, shape (C,)."""
-        contacts, names = name_contacts(self.contacts), name_links(self.links)
+        contacts, names = name_each("contact", self.contacts), name_each("link", self.links)
         if self.planar is not None:
             suffixes = [f"direction_{k}" for k in range(self.planar)] or ["friction"]
             if self.joints is None:
                 names = [f"{link}/{axis}" for link in names for axis in "xy"]
             else:
-                names, suffixes = names + name_turning_joints(self.joints), list(SIDES)
+                names, suffixes = names + name_each("joint", self.joints), list(SIDES)
             names += [f"{contact}/{suffix}" for contact in contacts for suffix in suffixes]
             loads = [f"{contact}/load_{axis}" for contact in contacts for axis in "xy"]
             return (*names, *loads[: self.loads])
@@ -134,7 +134,7 @@ class Columns:
         # direction-dependent friction cannot be commanded, as it has to stay convex
         aliases = {name: np.array([i]) for i, name in enumerate(self.names) if "/direction_" not in name}
         if self.joints is not None:
-            for i, contact in enumerate(name_contacts(self.contacts)):
+            for i, contact in enumerate(name_each("contact", self.contacts)):
                 aliases[f"{contact}/friction"] = self.lengths + len(SIDES) * i + np.arange(len(SIDES))
         if self.planar is not None:
             return aliases
@@ -142,7 +142,7 @@ class Columns:
         for name, strain, _ in self.segments:
             aliases[name] = np.arange(first, first + strain)
             first += strain
-        parts = name_contacts(self.contacts) + [name for name, _, _ in self.segments]
+        parts = name_each("contact", self.contacts) + [name for name, _, _ in self.segments]
         half = int(self.friction_sizes.sum())
         starts = self.lengths + np.concatenate(([0], np.cumsum(self.friction_sizes)[:-1]))
         for name, start, size in zip(parts, starts, self.friction_sizes, strict=True):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.names import name_joints, name_links
+from ..body.names import name_each, name_joints
 from ..derivative.parameters import expand_keys
 from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError, SceneError
@@ -183,7 +183,7 @@ class _Search:
         self.random = np.random.default_rng(seed)
         sizes = scene.columns.actuation_sizes
         self.rows = scene.drive.rows[:1, np.cumsum(sizes) - sizes].copy()
-        moved = set(name_links(scene.body.link_springs.size))
+        moved = set(name_each("link", scene.body.link_springs.size))
         self.channels = tuple(name for name in channel_names(scene) if name not in moved)
         first = self._recording(self.rows[[0, 0]])
         base = replay_scene(scene, first)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import frozen
 from ..body.body import Body
-from ..body.names import name_contacts, name_joints
+from ..body.names import name_each, name_joints
 from ..errors import CrawlerError
 from ..scene.scene import Scene
 
@@ -95,8 +95,8 @@ def channel_names(scene: Scene) -> tuple[str, ...]:
         The isolated contacts, the links, then the segments; in the plane both coordinates of the contacts.
     """
     if scene.dimension == 2:
-        return tuple(f"{name}/{axis}" for name in name_contacts(scene.body.contacts) for axis in "xy")
-    return (*name_contacts(scene.body.isolated.size), *name_joints(scene.body))
+        return tuple(f"{name}/{axis}" for name in name_each("contact", scene.body.contacts) for axis in "xy")
+    return (*name_each("contact", scene.body.isolated.size), *name_joints(scene.body))
 
 
 def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
@@ -110,11 +110,11 @@ def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.nda
         The map, shape (M, N), in the plane (M, 2 N), and what is added, shape (M,) [m].
     """
     if body.dimension == 2:
-        names = [f"{name}/{axis}" for name in name_contacts(body.contacts) for axis in "xy"]
+        names = [f"{name}/{axis}" for name in name_each("contact", body.contacts) for axis in "xy"]
         at = [names.index(channel) for channel in channels]
         return np.eye(len(names))[at], body.position.ravel()[at]
     matrix, added = np.zeros((len(channels), body.contacts)), np.zeros(len(channels))
-    contacts = {name: int(i) for name, i in zip(name_contacts(body.isolated.size), body.isolated, strict=True)}
+    contacts = {name: int(i) for name, i in zip(name_each("contact", body.isolated.size), body.isolated, strict=True)}
     joints = {name: body.stations[ends] for name, ends in zip(name_joints(body), body.joints, strict=True)}
     for m, channel in enumerate(channels):
         if channel in contacts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from crawler_model.body.body import Body, Segment
-from crawler_model.body.names import name_contacts, name_every_contact, name_joints
+from crawler_model.body.names import name_each, name_every_contact, name_joints
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning_tree import TurningTree
 
@@ -31,7 +31,7 @@ def station_names(body: Body) -> list[str]:
         One name per station; the first is the root of joint_states.
     """
     ends = [f"{s.name}.{end}" for s in body.segments for end in ("from", "to")]
-    return name_contacts(body.isolated.size) + ends
+    return name_each("contact", body.isolated.size) + ends
 
 
 def joint_state_names(body: Body) -> list[str]:
@@ -60,7 +60,7 @@ def free_angle_names(tree: TurningTree) -> list[str]:
         One name per free branch: "contact_0/yaw" for that of the first link from the x axis, "link_4/yaw" for others.
     """
     links = [tree.branches[i].link for i in tree.free[1:]]
-    return [f"{name_contacts(1)[0]}/yaw", *(f"link_{link}/yaw" for link in links)]
+    return ["contact_0/yaw", *(f"link_{link}/yaw" for link in links)]
 
 
 def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from crawler_model.body.drive import NS
-from crawler_model.body.names import name_joints, name_links
+from crawler_model.body.names import name_each, name_joints
 from crawler_pictures.run.arrays import Commands, Gains, RunArrays, planar_forces, sort_commands
 from crawler_pictures.run.page import draw_run
 
@@ -50,7 +50,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
         energy = {text: samples.get(name) for name, text in names.items()}
     y, turns = samples.get("net_translation"), replay.turns
-    links = tuple(name_links(tension.shape[1]) if scene is None else name_joints(scene.body))
+    links = tuple(name_each("link", tension.shape[1]) if scene is None else name_joints(scene.body))
     if scene is not None and turns:
         tension, links = tension[:, : scene.body.springs], links[: scene.body.springs]
     place = positions[0] if scene is None else scene.body.position[shown_contacts(scene.body)]

@@ -12,7 +12,7 @@ from pyarrow import parquet
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
-from crawler_model.body.names import name_contacts, name_joints, name_links
+from crawler_model.body.names import name_each, name_joints
 
 from ...wire.states import contact_names
 from ..analysis import Replay
@@ -161,7 +161,7 @@ class TableWriter:
     def _open(self, contacts: int, joints: int) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self._scene is None:
-            self._names = {"contacts": name_contacts(contacts), "links": name_links(joints)}
+            self._names = {"contacts": name_each("contact", contacts), "links": name_each("link", joints)}
         else:
             names = contact_names(self._scene.body)[:: self._scene.dimension]
             count, both = len(self._scene.body.joints), name_joints(self._scene.body)
