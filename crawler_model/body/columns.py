@@ -368,28 +368,16 @@ def build_planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndar
 
     Args:
         body: the body.
-        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction.
+        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction, and for a body
+            that turns.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N, 2) [N].
 
     Returns:
         The layout; a row equals its target but for the load of the slope.
     """
-    m = directions.shape[0]
-    size = 2 * body.springs + body.contacts * (max(m, 1) + (0 if slope_load is None else 2))
-    return Columns(body.springs, body.contacts, (), m, np.arange(size), np.ones(size), slope_load, directions)
-
-
-def build_turning_columns(body: Body, slope_load: np.ndarray | None = None) -> Columns:
-    """Build the command layout of a body that turns.
-
-    Args:
-        body: the body.
-        slope_load: with loads, what the slope adds to the load of each point, shape (N, 2) [N].
-
-    Returns:
-        The layout; a row equals its target but for the load of the slope.
-    """
-    size = body.lengths + body.contacts * (len(SIDES) + (0 if slope_load is None else 2))
-    joints, none = body.lengths - body.springs, np.zeros((0, 2))
+    turns = body.turning is not None
+    sides = len(SIDES) if turns else directions.shape[0]
+    size = body.lengths + body.contacts * (max(sides, 1) + (0 if slope_load is None else 2))
+    joints = body.lengths - body.springs if turns else None
     index, factor = np.arange(size), np.ones(size)
-    return Columns(body.springs, body.contacts, (), len(SIDES), index, factor, slope_load, none, joints=joints)
+    return Columns(body.springs, body.contacts, (), sides, index, factor, slope_load, directions, joints=joints)

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.build import End, Interval, build_body, check_span
-from ..body.columns import Columns, build_columns, build_planar_columns, build_turning_columns
+from ..body.columns import Columns, build_columns, build_planar_columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
 from ..errors import SceneError
@@ -159,8 +159,6 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground, like: Column
         if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
             return like
         return dataclasses.replace(like, slope_load=slope_load, patched=patched)
-    if body.turning is not None:
-        return build_turning_columns(body, slope_load)
     if parts.dimension == 2:
         return build_planar_columns(body, unit_directions(angles_of(parts)), slope_load)
     strain = drive is not None and drive.wave is not None
