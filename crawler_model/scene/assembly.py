@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from ..body.directions import unit_directions
 from ..body.drive import Drive
 from ..body.ground import Ground
 from .parts import SceneParts, angles_of
+
+AXES = {"stiffness": 1, "weight": 1, "slope_load": 1, "times": 1, "period": 0, "rows": 2, "start": 1}
+"""The arrays that may vary, and the number of axes of each in a single scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,47 @@ class Assembly:
         parts = (columns.lengths, True), (columns.frictions, friction), (columns.loads, loads)
         return frozen(np.concatenate([np.full(size, given) for size, given in parts]))
 
+    def arrays(self) -> dict[str, Any]:
+        """Collect the arrays that may vary.
+
+        Returns:
+            By the names in `AXES`, without those that the scene does not have.
+        """
+        drive = self.drive
+        arrays = {
+            "stiffness": self.body.stiffness,
+            "weight": self.ground.weight,
+            "slope_load": self.columns.slope_load,
+            "times": drive.times,
+            "period": drive.period,
+            "rows": drive.rows,
+            "start": self.start_displacement,
+        }
+        return {name: array for name, array in arrays.items() if array is not None}
+
+    def with_arrays(self, given: dict[str, Any]) -> Assembly:
+        """Replace the arrays that may vary.
+
+        Args:
+            given: all of them, by the names of `arrays`.
+
+        Returns:
+            An assembly with read-only copies of these; the rest is the same.
+        """
+        arrays = {name: frozen(array) for name, array in given.items()}
+        columns = self.columns
+        if "slope_load" in arrays:
+            columns = dataclasses.replace(columns, slope_load=arrays["slope_load"])
+        period: Any = arrays.get("period")
+        return Assembly(
+            self.parts,
+            dataclasses.replace(self.body, stiffness=arrays["stiffness"]),
+            dataclasses.replace(self.ground, weight=arrays["weight"]),
+            columns,
+            Drive(arrays["times"], period, arrays["rows"], columns),
+            arrays["start"],
+        )
+
     def variation(self, at: int) -> Assembly:
         """Select one of several variations that were assembled together.
 
@@ -80,31 +125,10 @@ class Assembly:
             at: its index.
 
         Returns:
-            Its assembly; the parts are those of all.
+            An assembly with its arrays; parts and slope are those of all.
         """
-
-        def one(array: np.ndarray, axes: int) -> np.ndarray:
-            return frozen(array[at]) if array.ndim > axes else array
-
-        slope_load, drive, slope, period = self.columns.slope_load, self.drive, self.ground.slope, self.drive.period
-        columns = dataclasses.replace(self.columns, slope_load=None if slope_load is None else one(slope_load, 1))
-        return dataclasses.replace(
-            self,
-            body=dataclasses.replace(self.body, stiffness=one(self.body.stiffness, 1)),
-            ground=dataclasses.replace(
-                self.ground,
-                weight=one(self.ground.weight, 1),
-                slope=float(slope[at, 0]) if isinstance(slope, np.ndarray) else slope,
-            ),
-            columns=columns,
-            drive=Drive(
-                one(drive.times, 1),
-                float(period[at, 0]) if isinstance(period, np.ndarray) else period,
-                one(drive.rows, 2),
-                columns,
-            ),
-            start_displacement=one(self.start_displacement, 1),
-        )
+        arrays = self.arrays().items()
+        return self.with_arrays({name: array[at] if np.ndim(array) > AXES[name] else array for name, array in arrays})
 
     @functools.cached_property
     def directions(self) -> np.ndarray:

@@ -15,13 +15,11 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ..arrays import frozen
 from ..body.body import Body
-from ..body.drive import Drive
 from ..errors import LARGEST, SceneError
 from ..run.transport import length_of
 from ..scene.assemble import assemble_together
-from ..scene.assembly import Assembly
+from ..scene.assembly import AXES, Assembly
 from ..scene.scene import Scene
 from .vary import Variations, keeps_mesh
 
@@ -95,9 +93,9 @@ class Stack:
             A stack of them.
         """
         places = np.arange(len(self))[at]
-        arrays = {name: array[at] for name, array in _arrays_of(self.assembly).items()}
+        arrays = {name: array[at] for name, array in self.assembly.arrays().items()}
         reasons = {i: self.reasons[int(m)] for i, m in enumerate(places) if int(m) in self.reasons}
-        return Stack(_with_arrays(self.assembly, arrays), self.length[at], reasons)
+        return Stack(self.assembly.with_arrays(arrays), self.length[at], reasons)
 
 
 def stack(variations: Sequence[Scene], check: bool = True) -> Stack:
@@ -148,12 +146,12 @@ def stack_scenes(scenes: Sequence[Assembly]) -> Stack:
     Returns:
         The stack.
     """
-    each = [_arrays_of(scene) for scene in scenes]
+    each = [scene.arrays() for scene in scenes]
     arrays = {name: np.array([one[name] for one in each]) for name in each[0]}
     if "period" in arrays:
         arrays["period"] = arrays["period"].reshape(-1, 1)
     length = np.array([length_of(scene.body) for scene in scenes])
-    return Stack(_with_arrays(scenes[0], arrays), length, {})
+    return Stack(scenes[0].with_arrays(arrays), length, {})
 
 
 def can_be_stacked(scene: Assembly) -> bool:
@@ -227,14 +225,14 @@ def _assemble_variations(variations: Variations, check: bool) -> Stack:
         doubts |= _out_of_bounds(variations.pinned.parts, path, values)
     assembly, found = assemble_together(parts, variations.pinned, count)
     reasons = _find_reasons(variations, doubts | found) if check else {}
-    arrays = _arrays_of(assembly)
-    for name, axes in _AXES.items():
+    arrays = assembly.arrays()
+    for name, axes in AXES.items():
         if name in arrays and np.ndim(arrays[name]) == axes:
             arrays[name] = np.repeat(np.asarray(arrays[name])[None], count, axis=0)
     if "period" in arrays:
         arrays["period"] = arrays["period"].reshape(-1, 1)
     length = np.full(count, length_of(assembly.body))
-    return Stack(_with_arrays(assembly, arrays), length, reasons)
+    return Stack(assembly.with_arrays(arrays), length, reasons)
 
 
 def _find_reasons(variations: Variations, doubts: np.ndarray) -> dict[int, str]:
@@ -285,39 +283,3 @@ def _out_of_bounds(part: Any, path: tuple[str | int, ...], values: np.ndarray) -
         if bound in extra:
             bad |= breaks(values, extra[bound])
     return bad
-
-
-_AXES = {"stiffness": 1, "weight": 1, "slope_load": 1, "times": 1, "period": 0, "rows": 2, "start": 1}
-"""Number of axes of the arrays of a single scene."""
-
-
-def _arrays_of(assembly: Assembly) -> dict[str, Any]:
-    """Collect the arrays that may vary."""
-    drive = assembly.drive
-    arrays = {
-        "stiffness": assembly.body.stiffness,
-        "weight": assembly.ground.weight,
-        "slope_load": assembly.columns.slope_load,
-        "times": drive.times,
-        "period": drive.period,
-        "rows": drive.rows,
-        "start": assembly.start_displacement,
-    }
-    return {name: array for name, array in arrays.items() if array is not None}
-
-
-def _with_arrays(assembly: Assembly, given: dict[str, Any]) -> Assembly:
-    """Replace the arrays that may vary."""
-    arrays = {name: frozen(array) for name, array in given.items()}
-    columns = assembly.columns
-    if "slope_load" in arrays:
-        columns = dataclasses.replace(columns, slope_load=arrays["slope_load"])
-    period: Any = arrays.get("period")
-    return Assembly(
-        assembly.parts,
-        dataclasses.replace(assembly.body, stiffness=arrays["stiffness"]),
-        dataclasses.replace(assembly.ground, weight=arrays["weight"]),
-        columns,
-        Drive(arrays["times"], period, arrays["rows"], columns),
-        arrays["start"],
-    )
