@@ -140,7 +140,7 @@ def sensitivities(
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
-    check_differentiable(scene, "sensitivities", plane=True)
+    check_differentiable(scene, "sensitivities")
     scene = with_loads(scene, keys)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else float(duration)
@@ -217,21 +217,18 @@ def _differentiate(
     )
 
 
-def check_differentiable(scene: Scene, caller: str, plane: bool = False) -> None:
+def check_differentiable(scene: Scene, caller: str) -> None:
     """Check that the path of a scene can be differentiated.
 
     Args:
         scene: the scene.
         caller: name of the function, for error messages.
-        plane: whether bodies in the plane will do.
 
     Raises:
-        SceneError: if it has no drive, is in the plane, or has patches of ground.
+        SceneError: if it has no drive, or patches of ground.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
-    if scene.dimension == 2 and not plane:
-        raise SceneError(f"{caller}: {scene.name} is in the plane; derivatives are for bodies on a line")
     if scene.ground.track is not None:
         raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..body.names import name_each, name_joints
 from ..derivative.parameters import expand_keys
-from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError, SceneError
 from ..optimise.request import Bounds, find_strokes
 from ..run.simulate import simulate
@@ -187,7 +186,6 @@ class _Search:
         self.channels = tuple(name for name in channel_names(scene) if name not in moved)
         first = self._recording(self.rows[[0, 0]])
         base = replay_scene(scene, first)
-        check_differentiable(base, "excite")
         names = expand_keys(base, keys, "excite")
         self.seeks_start = any(key.startswith("start") for key in keys)
         self.replica = Replica(scene, first, names, "excite")
