@@ -171,9 +171,7 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
             raise SceneError(f"{caller}: {name}: derivatives by directions are not computed; by the values they are")
     origin = {name: everything.origin(name) for name in names}
     changing = {name: changing_keys(scene, name, path) for name, path in zip(names, everything.paths, strict=True)}
-    together: Sequence[str] = [] if scene.dimension == 2 else names
-    if not shares_mesh(everything):
-        together = [name for name in together if shares_mesh(vary(scene, {name: [0.0]}))]
+    together = [name for name, path in zip(names, everything.paths, strict=True) if shares_mesh(scene, [path])]
     found = _differentiate_together(scene, origin, {name: changing[name] for name in together})
     jumps = np.zeros(len(names), dtype=bool)
     for p, name in enumerate(names):

@@ -134,7 +134,7 @@ def run_chunk(scenes: Sequence[Scene], settings: Settings, stop: Callable[[], bo
     """
     rows = np.zeros(len(scenes), ROW)
     reasons: dict[int, str] = {}
-    if settings.method == "catch_up" or not (isinstance(scenes, Variations) and shares_mesh(scenes)):
+    if settings.method == "catch_up" or not (isinstance(scenes, Variations) and shares_mesh(scenes.base, scenes.paths)):
         _run_each(scenes, settings, stop, rows, reasons)
         return rows, reasons
     size = max(_NUMBERS // scenes.pinned.drive.targets.size, 1)

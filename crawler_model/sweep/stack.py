@@ -21,6 +21,7 @@ from ..run.transport import length_of
 from ..scene.assemble import assemble_together
 from ..scene.assembly import AXES, Assembly
 from ..scene.scene import Scene
+from .keys import KeyPath
 from .vary import Variations, keeps_mesh
 
 _BOUNDS = {
@@ -112,7 +113,7 @@ def stack(variations: Sequence[Scene], check: bool = True) -> Stack:
     Raises:
         SceneError: if the variations do not have the same contacts and springs, lie in the plane, or are all invalid.
     """
-    if isinstance(variations, Variations) and shares_mesh(variations):
+    if isinstance(variations, Variations) and shares_mesh(variations.base, variations.paths):
         return _assemble_variations(variations, check)
     scenes: list[Scene] = []
     places, reasons = [], {}
@@ -189,22 +190,23 @@ def fingerprint(scene: Assembly) -> tuple[Any, ...]:
     )
 
 
-def shares_mesh(variations: Variations) -> bool:
+def shares_mesh(scene: Scene, paths: Sequence[KeyPath]) -> bool:
     """Determine whether variations can be assembled together: on a line, with linear springs, one mesh and one layout.
 
     Args:
-        variations: the variations.
+        scene: the scene that is varied.
+        paths: to the numbers that vary.
 
     Returns:
-        False if some of their keys change more than numbers of the arrays.
+        False if some of these change more than numbers of the arrays.
     """
-    parts = variations.base.parts
+    parts = scene.parts
     if parts.dimension == 2 or (parts.ground is not None and parts.ground.patches) or parts.body.is_bent:
         return False
-    return all(keeps_mesh(path) and _is_plain(path) for path in variations.paths)
+    return all(keeps_mesh(path) and _is_plain(path) for path in paths)
 
 
-def _is_plain(path: tuple[str | int, ...]) -> bool:
+def _is_plain(path: KeyPath) -> bool:
     """Return whether arrays follow from a number by arithmetic: not a wave's times and samples, nor tables."""
     in_table = path[:2] == ("body", "segments") and len(path) > 3 and path[-1] not in _SEGMENT_NUMBERS
     one_time = path == ("drive", "times")  # a number instead of a list
@@ -255,7 +257,7 @@ def _field(part: BaseModel, key: str) -> str:
     return next(name for name, field in fields.items() if (field.alias or name) == key)
 
 
-def _put(node: Any, path: tuple[str | int, ...], column: np.ndarray) -> Any:
+def _put(node: Any, path: KeyPath, column: np.ndarray) -> Any:
     """Set a number in a copy of parts without validation."""
     if not path:
         return column
@@ -268,7 +270,7 @@ def _put(node: Any, path: tuple[str | int, ...], column: np.ndarray) -> Any:
     return tuple(entries)
 
 
-def _out_of_bounds(part: Any, path: tuple[str | int, ...], values: np.ndarray) -> np.ndarray:
+def _out_of_bounds(part: Any, path: KeyPath, values: np.ndarray) -> np.ndarray:
     """Find the values that are outside of the bounds of their key in the schema."""
     extra: dict[str, Any] = {}
     for step in path:

@@ -569,6 +569,16 @@ def test_derivatives_do_not_depend_on_the_unit_of_length(unit: float) -> None:
     assert found.per_period[-1, 0] == pytest.approx(-0.0222721533, rel=1e-7)
 
 
+def test_a_slope_may_be_named_beside_the_weights_that_it_acts_on() -> None:
+    document = draw(0)
+    del document["body"]["weights"]
+    document["ground"]["slope"] = 0.0
+    document["drive"] = {"wave": {"amplitude": 0.3, "wavelength": 2.0, "period": 1.0}}
+    keys = ["ground.slope", "body.weights", "drive.wave.period"]  # the period is not assembled with the others
+    found = sensitivities(Scene.model_validate(document), keys, 1.0, 4.0)
+    assert found.parameters == tuple(keys)
+
+
 def test_a_segment_that_ends_with_its_table_has_exact_derivatives() -> None:
     """Where the table ends, the arrays have a kink in their second derivatives; steps become short enough."""
     values = [0.3, 0.3 - 1e-5, 0.3 + 1e-5]

@@ -115,7 +115,7 @@ def test_a_stack_is_its_scenes_to_the_bit(name, relaxed):
             continue
         values = [now, 0.0, -1.0, *(now + 0.02 * (abs(now) or 1.0) * rng.normal(size=4))]
         variations = vary(base, {key: values})
-        assert stacks.shares_mesh(variations)
+        assert stacks.shares_mesh(variations.base, variations.paths)
         met += check(stack(variations), variations)
     assert met > 30
 
@@ -142,7 +142,7 @@ def test_keys_that_no_array_follows_are_assembled_one_by_one(key):
     base = prepared(OTHERS[key], False)
     now = number(base, key) if key.endswith("period") else 16.0
     variations = vary(base, {key: [now, -1.0, now]})
-    assert not stacks.shares_mesh(variations)
+    assert not stacks.shares_mesh(variations.base, variations.paths)
     together = stack(variations)
     assert list(together.reasons) == [1]
     assert check(together, variations) == len(variations) - 1
