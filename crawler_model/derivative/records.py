@@ -77,7 +77,6 @@ PIECE = np.dtype(
         ("until", _FLOAT),
         ("ended", _INT),  # how the last piece ended
         ("knots", _INT),  # knots at which springs are at its end at instants that depend on the parameters
-        ("sliding", _INT),  # how many contacts slide
         ("work", _FLOAT),  # work of the actuators in the ramp [J]
     ],
     align=True,
