@@ -66,11 +66,10 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
     Raises:
         CrawlerError: if a segment has the name of a column.
     """
-    from crawler_model import Scene, TrajectoryColumns
+    from crawler_model import Scene
     from crawler_ros.recording.attachments import versions
 
-    columns = TrajectoryColumns(run.scene)
-    schema = columns.build_schema(run)
+    schema = run.build_schema()
     about = json.loads(schema.metadata[b"crawler_trajectory"]) | {"versions": versions()}
     if isinstance(run.scene, Scene):
         about["document"] = run.scene.document()
@@ -90,7 +89,7 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
             options = WriteOptions(include_header=False)
             writers.append(files.enter_context(CSVWriter(handle, schema, write_options=options)))
         done = 0
-        for batch in columns.build_batches(run):
+        for batch in run.build_batches():
             for writer in writers:
                 writer.write_batch(batch)
             done += batch.num_rows

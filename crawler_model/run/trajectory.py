@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from ..body.drive import NS
 from ..body.plan import Plan
 from ..crawler.crawler import Method
 from ..notebook import write_html
 from .account import Energy, TickEnergies
 from .arrow import Tabular, load_library
 from .screw import Screw, find_screw
-from .table import TrajectoryColumns
+from .table import ENERGIES, TrajectoryColumns
+
+_NUMBERS, _FEWEST_ROWS = 4_000_000, 128
+"""Numbers in a batch, and rows in a batch of a wide table: each batch of a file describes all columns again."""
 
 
 @dataclass(frozen=True)
@@ -153,8 +159,103 @@ class Trajectory(Tabular):
             CrawlerError: if pyarrow is not installed, or a segment has the name of a column.
         """
         pa = load_library("pyarrow", "to_table")
-        columns = TrajectoryColumns(self.scene)
-        return pa.Table.from_batches(columns.build_batches(self), columns.build_schema(self))
+        return pa.Table.from_batches(self.build_batches(), self.build_schema())
+
+    def build_schema(self) -> Any:
+        """Build the Arrow schema of the table.
+
+        Returns:
+            A pyarrow.Schema: float64, int8 for states; the unit of each column in its metadata; scene, method and rate
+            as JSON under `crawler_trajectory` in the metadata of the schema.
+
+        Raises:
+            CrawlerError: if pyarrow is not installed, or a segment has the name of a column.
+        """
+        pa = load_library("pyarrow", "to_table")
+        fields = [
+            pa.field(name, pa.int8() if group.values in ("state", "yields") else pa.float64(), metadata={"unit": unit})
+            for group in TrajectoryColumns(self.scene).groups
+            for name, unit in zip(group.names, group.units, strict=True)
+        ]
+        about = {"schema": 1, "scene": self.scene.name, "method": self.method, "rate_hz": self.rate}
+        return pa.schema(fields, metadata={"crawler_trajectory": json.dumps(about)})
+
+    def build_batches(self) -> Iterator[Any]:
+        """Build the table in batches of rows, so that one batch at a time is in memory.
+
+        Yields:
+            pyarrow.RecordBatch of at most four million numbers, or of 128 rows.
+
+        Raises:
+            CrawlerError: if pyarrow is not installed, or a segment has the name of a column.
+        """
+        pa = load_library("pyarrow", "to_table")
+        columns, schema = TrajectoryColumns(self.scene), self.build_schema()
+        size = max(_NUMBERS // len(schema), _FEWEST_ROWS)
+        for first in range(0, self.time.size, size):
+            rows = slice(first, min(first + size, self.time.size))
+            values = self._read(columns, rows)
+            arrays = [
+                pa.array(column)
+                for group in columns.groups
+                for column in np.ascontiguousarray(values[group.values].reshape(rows.stop - first, -1).T)
+            ]
+            yield pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+    def _read(self, columns: TrajectoryColumns, rows: slice) -> dict[str, np.ndarray]:
+        """Compute the values of each group in some rows, each of shape (R, ...)."""
+        scene, body = self.scene, self.scene.body
+        time, x, tension = self.time[rows], self.displacement[rows], self.tension[rows]
+        state = self.contact_state[rows]
+        commands = scene.drive.sample_rows(np.rint(time * NS).astype(np.int64))
+        friction, load = self._read_ground(commands, x)
+        energies = [getattr(self.energies, name)[rows] for name in ENERGIES]
+        ends = [(segment.last, segment.first) for segment in body.segments]
+        first = max(rows.start - 1, 0)  # the start has no velocity
+        before, seconds = self.displacement[first : rows.stop], np.diff(self.time[first : rows.stop])
+        moved = np.diff(before, axis=0) / seconds.reshape(-1, *(1,) * (x.ndim - 1))
+        velocity = np.concatenate((np.zeros((x.shape[0] - moved.shape[0], *x.shape[1:])), moved))
+        velocity[state == 0] = 0.0
+        return {
+            "time": time,
+            "position": body.position + x,
+            "elongation": np.stack([x[:, b] - x[:, a] for b, a in ends], axis=1) if ends else np.zeros((len(x), 0)),
+            "commands": commands[:, columns.commanded],
+            "velocity": velocity,
+            "state": state.astype(np.int8),
+            "ground_force": -(body.force_at(x, tension) + load),
+            "friction": friction,
+            "load": load if columns.loaded else np.zeros((len(x), 0)),
+            "tension": tension,
+            "yields": self._read_limits(commands, x),
+            "net_translation": self.net_translation[rows],
+            "yaw": self.yaw[rows] if body.turning is not None else np.zeros((len(x), 0)),
+            "energies": np.column_stack(energies),
+        }
+
+    def _read_limits(self, commands: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Determine which actuators are slack and which are stalled, int8, shape (R, B, 2)."""
+        body = self.scene.body
+        if not body.limits.index.size:
+            return np.zeros((len(x), 0), np.int8)
+        state = body.limits.find_states(body.elongation(x), self.scene.columns.target(commands))
+        return np.stack((state < 0, state > 0), axis=2).astype(np.int8)
+
+    def _read_ground(self, commands: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute friction and loads of the ground under each contact, shapes (R, F) and (R, N) or (R, N, 2) [N]."""
+        scene, body = self.scene, self.scene.body
+        columns, track = scene.columns, scene.ground.track
+        lengths, load = body.lengths, np.zeros(x.shape)
+        frictions = 2 * body.contacts if columns.planar is None else columns.frictions
+        target = columns.target(commands)
+        if track is not None:
+            places = track.find_places(np.tile(body.position, len(x)), x.ravel()).reshape(x.shape)
+            forward, backward, load = track.bounds(target[:, lengths:], places)
+            return np.hstack((forward + load, backward - load)), load
+        if columns.slope_load is not None:
+            load = target[:, lengths + frictions :].reshape(x.shape)
+        raw = np.take(commands, columns.index[lengths : lengths + frictions], axis=1)
+        return raw * columns.factor[lengths : lengths + frictions], load
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler simulate --json` prints.

@@ -12,7 +12,7 @@ import pytest
 
 from crawler_command.app import main
 from crawler_model import Scene, Trajectory, TrajectoryColumns, load_scene, simulate
-from crawler_model.run import table as tables
+from crawler_model.run import trajectory
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -88,8 +88,8 @@ def test_units_scene_and_versions_travel_with_the_parquet_file(status, capsys):
 
 
 def test_the_parquet_file_is_written_in_row_groups(status, monkeypatch):
-    monkeypatch.setattr(tables, "_NUMBERS", 1)
-    monkeypatch.setattr(tables, "_FEWEST_ROWS", 40)
+    monkeypatch.setattr(trajectory, "_NUMBERS", 1)
+    monkeypatch.setattr(trajectory, "_FEWEST_ROWS", 40)
     assert status("simulate", "two_anchor_a", "--duration", "1", "--parquet", "a.parquet", "--csv", "a.csv") == 0
     described = pq.ParquetFile("a.parquet").metadata
     assert [described.row_group(i).num_rows for i in range(described.num_row_groups)] == [40, 40, 21]
@@ -149,14 +149,13 @@ def test_without_pyarrow_nothing_runs(status, monkeypatch, capsys):
 )
 def test_what_stops_in_the_middle_leaves_nothing_behind(error, expected, said, status, tmp_path, monkeypatch, capsys):
     (tmp_path / "a.csv").write_text("measured")
-    build = TrajectoryColumns.build_batches
+    build = Trajectory.build_batches
 
-    def stopped(columns: TrajectoryColumns, run: Trajectory):
-        batches = build(columns, run)
-        yield next(batches)
+    def stopped(run: Trajectory):
+        yield next(build(run))
         raise error
 
-    monkeypatch.setattr(TrajectoryColumns, "build_batches", stopped)
+    monkeypatch.setattr(Trajectory, "build_batches", stopped)
     tables_of = ("--parquet", "a.parquet", "--csv", "a.csv", "--overwrite")
     assert status("simulate", "two_anchor_a", "--duration", "1", *tables_of) == expected
     assert said in capsys.readouterr().err

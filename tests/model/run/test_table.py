@@ -9,7 +9,7 @@ import pytest
 
 from crawler_model import Crawler, CrawlerError, Scene, TrajectoryColumns, load_scene, simulate
 from crawler_model.body.drive import NS
-from crawler_model.run import table as tables
+from crawler_model.run import trajectory
 
 from ..chains import scene
 
@@ -210,13 +210,12 @@ def test_the_energies_of_long_runs_and_of_catch_up_steps_balance():
 
 def test_batches_are_the_table_whatever_their_size(run, monkeypatch):
     whole = run.to_table()
-    monkeypatch.setattr(tables, "_NUMBERS", 1)
-    monkeypatch.setattr(tables, "_FEWEST_ROWS", 7)
-    columns = TrajectoryColumns(run.scene)
-    batches = list(columns.build_batches(run))
+    monkeypatch.setattr(trajectory, "_NUMBERS", 1)
+    monkeypatch.setattr(trajectory, "_FEWEST_ROWS", 7)
+    batches = list(run.build_batches())
     assert [batch.num_rows for batch in batches[:-1]] == [7] * (len(batches) - 1)
     assert len(batches) == -(-run.time.size // 7)
-    joined = pa.Table.from_batches(batches, columns.build_schema(run))
+    joined = pa.Table.from_batches(batches, run.build_schema())
     near = 1e-13 * max(float(np.abs(run.tension).max()), 1.0)
     for name in whole.column_names:
         np.testing.assert_allclose(joined[name].to_numpy(), whole[name].to_numpy(), atol=near, err_msg=name)
