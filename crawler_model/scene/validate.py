@@ -5,16 +5,14 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ..errors import SceneError
-from .friction_parts import CoefficientPart, FrictionPart, FrictionRowsPart, SegmentFrictionPart
-from .link_parts import CurvePart, JointsPart, LinkPart, LinksPart, PassivePart, SegmentPart, StopsPart, TensionPart
-from .parts import BodyPart, DrivePart, GroundPart, PatchPart, SceneParts, StartPart, WavePart
+from .parts import SceneParts
 
 _LONGEST, _LONGEST_VALUE = 500, 200  # length of an error message, and of a value in it, in characters
 _MOST_LISTED = 20  # keys listed in an error message
@@ -126,34 +124,19 @@ def known_keys(path: list[str]) -> Iterable[str]:
 
 
 def _fields(path: list[str]) -> dict[str, FieldInfo]:
-    """Find the fields of a part of a scene by their names in files."""
-    model: type[BaseModel] = SceneParts
-    parts: dict[str, type[BaseModel]] = {
-        "body": BodyPart,
-        "links": LinksPart,
-        "joints": JointsPart,
-        "curve": CurvePart,
-        "tension": TensionPart,
-        "passive": PassivePart,
-        "stops": StopsPart,
-        "segments": SegmentPart,
-        "friction": (
-            FrictionRowsPart if "drive" in path else SegmentFrictionPart if "segments" in path else FrictionPart
-        ),
-        "start": StartPart,
-        "drive": DrivePart,
-        "ground": GroundPart,
-        "patches": PatchPart,
-        "coefficient": CoefficientPart,
-        "wave": WavePart,
-        "friction_wave": WavePart,
-    }
-    if path[-2:-1] == ["links"] and path[-1].isdigit():
-        return LinkPart.model_fields
-    path = [p for p in path if not p.isdigit()]
-    if path:
-        model = parts.get(path[-1], SceneParts)
-    return {field.alias or name: field for name, field in model.model_fields.items()}
+    """Find the fields of the part of a scene that a path leads to, by their names in files; none of a value."""
+    fields = _fields_in(SceneParts)
+    for step in path:
+        if not step.isdigit():
+            fields = _fields_in(fields[step].annotation) if step in fields else {}
+    return fields
+
+
+def _fields_in(annotation: Any) -> dict[str, FieldInfo]:
+    """Find the fields of all parts in an annotation: of a part, or of a union or a list of some."""
+    own = getattr(annotation, "model_fields", {})
+    inner = [_fields_in(part) for part in get_args(annotation)]
+    return {field.alias or name: field for fields in (own, *inner) for name, field in fields.items()}
 
 
 def propose_key(key: str, known: Iterable[str]) -> str:

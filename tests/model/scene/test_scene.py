@@ -502,6 +502,11 @@ WRONG_BODIES = [
     (with_segments({"elements": None}), "give `accuracy` (of the net translation per period, relative) or `elements`"),
     (with_segments({"stifness": 1}), "body.segments.0.stifness: unknown key; the nearest known key is 'stiffness'"),
     (with_segments({"friction": {"law": 1}}), "body.segments.0.friction.law: unknown key; known keys are forward, "),
+    (with_segments({"stiffness": {"at": [0], "v": [1]}}), "stiffness.v: unknown key; known keys are at, value"),
+    (
+        with_segments({"stiffness": {"at": ["1 m"], "value": [1]}}),
+        "at.0: '1 m' is not a number; write the number alone, in m",
+    ),
     (with_segments({"stiffness": 0}), "body.segments.0.stiffness: 0 N; it must be > 0"),
     (with_segments({"stiffness": {"at": [0, 1], "value": [1]}}), "2 position(s) in `at` for 1 value(s)"),
     (with_segments({"stiffness": {"at": [1, 0], "value": [1, 1]}}), "positions in `at` must be strictly increasing"),
