@@ -12,7 +12,6 @@ import numpy as np
 
 from ..compiled import compiled, inner, lean
 from ..motion.plane.equal_steps import extrapolate_number
-from ..motion.plane.ramp import glance
 from ..motion.plane.stage import solve_stage
 from ..motion.plane.translation import choose_translation
 from ..motion.plane.walk import command_at
@@ -233,16 +232,3 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         differentiate_step(frame, rates, now, base, x, place, rests)
         length *= 2.0
     return True, unique
-
-
-@compiled
-def find_velocity(frame, way, negligible, velocity):
-    """Compute the velocities at the start of a ramp.
-
-    Args:
-        frame: the body.
-        way: displacements, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
-        negligible: a point that starts and moves by no more is taken to have started before [m].
-        velocity: changed in place: a guess, then the velocities, shape (N, 2) [m per ramp].
-    """
-    glance(frame, way, negligible, velocity, np.empty(velocity.shape))

@@ -17,14 +17,14 @@ from ..motion.plane.elastic import pull
 from ..motion.plane.frame import Frame
 from ..motion.plane.friction import measure_margins
 from ..motion.plane.motion import build_plane_motion
-from ..motion.plane.ramp import PATIENCE, PLACE, follow_ramp, force_step
+from ..motion.plane.ramp import PATIENCE, PLACE, follow_ramp, force_step, glance
 from ..motion.plane.walk import AT_ONCE
 from ..motion.state import ACCOUNT_SIZE, VISITED, WORK
 from ..run.account import tolerance_of
 from ..run.screw import gain_in_frame, to_frame
 from .parameters import Derivatives
 from .path import Stretch, Vertices
-from .plane_part import Course, differentiate_part, find_velocity
+from .plane_part import Course, differentiate_part
 from .plane_step import Rates
 
 _TOLERANCE = 1e-8
@@ -294,7 +294,7 @@ class PlanePath:
         """Find the velocities with which the body would go on, shape (N, 2) [m per ramp]."""
         state, velocity = self._state, np.zeros_like(self._state.x)
         way = state.x, state.command, state.command + change
-        find_velocity(self._motion.frame, way, AT_ONCE * self._motion.tolerance, velocity)
+        glance(self._motion.frame, way, AT_ONCE * self._motion.tolerance, velocity, np.empty(velocity.shape))
         return velocity
 
 

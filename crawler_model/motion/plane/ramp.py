@@ -84,7 +84,7 @@ def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
     return inside / (math.sqrt(under) + outwards)
 
 
-@inner
+@compiled
 def glance(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
