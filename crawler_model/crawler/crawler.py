@@ -225,13 +225,10 @@ class Crawler:
         """Check a command and convert it to a target for `follow`.
 
         Args:
-            actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
-                shape (links, 2), of a body that turns of each link, then of each joint [rad], shape (links + joints,).
-            forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
-                the plane the friction of each contact, of a body that turns forward, backward, left and right of each.
-            backward: mu_minus, likewise; not in the plane.
-            loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
-                (N, 2); None leaves it unchanged. Only for scenes with loads.
+            actuation: as for `advance`.
+            forward: likewise.
+            backward: likewise.
+            loads: likewise.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
