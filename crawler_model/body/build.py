@@ -17,30 +17,27 @@ from .body import Body, Segment
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """A segment before it is built into a body.
+    """A segment, or an isolated contact, before it is built into a body.
 
     Attributes:
-        name: name in the scene.
-        nodes: reference positions of its contacts, increasing, shape (elements + 1,) [m].
+        name: name in the scene, or number of the contact.
+        nodes: reference positions of its contacts, increasing, shape (elements + 1,), in the plane (1, 2) [m].
         stiffness: stiffness of its elements, shape (elements,) [N/m].
         shown: number of contacts that are listed; None for all.
     """
 
-    name: str
+    name: int | str
     nodes: np.ndarray
     stiffness: np.ndarray
     shown: int | None = None
 
     @property
-    def element(self) -> float:
-        """Length of an element [m]."""
-        return float(self.nodes[-1] - self.nodes[0]) / (self.nodes.size - 1)
-
-    @property
     def cells(self) -> np.ndarray:
-        """Length that each contact represents: half of each adjacent element, shape (elements + 1,) [m]."""
-        cells = np.full(self.nodes.size, self.element)
-        cells[0] = cells[-1] = 0.5 * self.element
+        """Length that each contact represents: half of each adjacent element; 1 if isolated, (elements + 1,) [m]."""
+        cells = np.ones(len(self.nodes))
+        if cells.size > 1:
+            cells[:] = float(self.nodes[-1] - self.nodes[0]) / (cells.size - 1)
+            cells[[0, -1]] *= 0.5
         return cells
 
 
@@ -74,16 +71,9 @@ def build_body(
     isolated = np.array(contacts, dtype=np.float64)
     _check_contacts(isolated, segments)
     parts = _in_order(isolated, segments)
-    first = np.concatenate(([0], np.cumsum([1 if isinstance(p, int) else p.nodes.size for p in parts])))
-    place = {p if isinstance(p, int) else p.name: int(i) for p, i in zip(parts, first, strict=False)}
-    position, ground, share = [], [], []
-    for part in parts:
-        nodes = isolated[part : part + 1] if isinstance(part, int) else part.nodes
-        cells = np.ones(1) if isinstance(part, int) else part.cells
-        position.append(nodes)
-        ground.append(cells)
-        share.append(cells / (cells.sum() * len(parts)))
-
+    first = np.cumsum([0, *(len(part.nodes) for part in parts)])
+    place = {part.name: int(i) for part, i in zip(parts, first, strict=False)}
+    cells = [part.cells for part in parts]
     ends = _link_ends(between, parts, place)
     k = spread(stiffness, len(ends), "body.links.stiffness", "link")
     for i in np.flatnonzero(~(k > 0.0)):
@@ -104,19 +94,20 @@ def build_body(
     for segment in segments:
         elements = segment.stiffness.size
         length = float(segment.nodes[-1] - segment.nodes[0])
-        built.append(Segment(segment.name, place[segment.name], elements, int(springs[0]), length, segment.shown))
+        name = str(segment.name)
+        built.append(Segment(name, place[name], elements, int(springs[0]), length, segment.shown))
         springs = springs[elements:]
     body = Body(
-        position=frozen(np.concatenate(position)),
+        position=frozen(np.concatenate([part.nodes for part in parts])),
         ends=frozen(pairs[order], np.int64),
         stiffness=frozen(k[order]),
-        share=frozen(np.concatenate(share)),
-        ground=frozen(np.concatenate(ground)),
+        share=frozen(np.concatenate([each / (each.sum() * len(parts)) for each in cells])),
+        ground=frozen(np.concatenate(cells)),
         isolated=frozen([place[i] for i in range(isolated.shape[0])], np.int64),
         link_springs=frozen(found[:count], np.int64),
         segments=tuple(built),
     )
-    check_connected(body, parts, first)
+    check_connected(body, [part.name for part in parts], first)
     return body
 
 
@@ -162,35 +153,34 @@ def _point(position: np.ndarray) -> str:
     return "[" + ", ".join(f"{v:g}" for v in position) + "]"
 
 
-def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[int | Interval]:
-    """Sort contacts (by index) and segments along the body; they must not overlap."""
+def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[Interval]:
+    """Sort contacts and segments along the body; they must not overlap."""
+    contacts = [Interval(i, isolated[i : i + 1], np.zeros(0)) for i in range(isolated.shape[0])]
     if isolated.ndim == 2 or not segments:
-        return list(range(isolated.shape[0]))
-    spans: list[tuple[float, float, int | Interval]] = [(float(v), float(v), i) for i, v in enumerate(isolated)]
-    spans += [(float(s.nodes[0]), float(s.nodes[-1]), s) for s in segments]
-    spans.sort(key=lambda span: span[:2])
-    for (_, until, here), (after, _, there) in itertools.pairwise(spans):
+        return contacts
+    parts = sorted((*contacts, *segments), key=lambda part: (float(part.nodes[0]), float(part.nodes[-1])))
+    for here, there in itertools.pairwise(parts):
+        until, after = here.nodes[-1], there.nodes[0]
         if after <= until:
-            where = f"at {after:g} m" if isinstance(there, int) else f"from {after:g} m"
+            where = f"at {after:g} m" if isinstance(there.name, int) else f"from {after:g} m"
             raise SceneError(
-                f"body: {_name(there)} {where} meets {_name(here)}, which reaches to {until:g} m; segments and "
-                "contacts must not overlap or touch"
+                f"body: {_name(there.name)} {where} meets {_name(here.name)}, which reaches to {until:g} m; segments "
+                "and contacts must not overlap or touch"
             )
-    return [part for _, _, part in spans]
+    return parts
 
 
-def _name(part: int | Interval, noun: str = "contact") -> str:
-    return f"{noun} {part}" if isinstance(part, int) else f"segment {part.name}"
+def _name(part: int | str, noun: str = "contact") -> str:
+    return f"{noun} {part}" if isinstance(part, int) else f"segment {part}"
 
 
 def _link_ends(
-    between: Sequence[tuple[End, End]] | None, parts: list[int | Interval], place: dict[int | str, int]
+    between: Sequence[tuple[End, End]] | None, parts: list[Interval], place: dict[int | str, int]
 ) -> list[tuple[int, int]]:
     """Find the two contacts that each link joins."""
-    sizes = {_key(p): 0 if isinstance(p, int) else p.nodes.size - 1 for p in parts}
+    last = {part.name: place[part.name] + len(part.nodes) - 1 for part in parts}
     if between is None:
-        keys = [_key(p) for p in parts]
-        return [(place[a] + sizes[a], place[b]) for a, b in itertools.pairwise(keys)]
+        return [(last[a.name], place[b.name]) for a, b in itertools.pairwise(parts)]
     ends = []
     for i, pair in enumerate(between):
         found = []
@@ -198,15 +188,11 @@ def _link_ends(
             key = end if isinstance(end, int) else end[0]
             if key not in place:
                 raise SceneError(f"body.links.between: link {i} joins {_end(end)}; {_known(place)}")
-            found.append(place[key] + (sizes[key] if not isinstance(end, int) and end[1] == "to" else 0))
+            found.append(last[key] if not isinstance(end, int) and end[1] == "to" else place[key])
         if found[0] == found[1]:
             raise SceneError(f"body.links.between: link {i} joins {_end(pair[0])} to itself")
         ends.append((found[0], found[1]))
     return ends
-
-
-def _key(part: int | Interval) -> int | str:
-    return part if isinstance(part, int) else part.name
 
 
 def _end(end: End) -> str:
@@ -219,12 +205,12 @@ def _known(place: dict[int | str, int]) -> str:
     return "there are " + ", ".join(known + [f"{n}.from, {n}.to" for n in place if isinstance(n, str)])
 
 
-def check_connected(body: Body, parts: Sequence[int | Interval], first: np.ndarray, noun: str = "contact") -> None:
+def check_connected(body: Body, parts: Sequence[int | str], first: np.ndarray, noun: str = "contact") -> None:
     """Check that the springs of a body connect all its parts.
 
     Args:
         body: the body.
-        parts: its contacts and segments.
+        parts: numbers of its contacts, and names of its segments.
         first: index of the first contact of each.
         noun: what a contact is called.
 

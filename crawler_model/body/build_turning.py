@@ -75,7 +75,7 @@ def build_turning_body(
         segments=(),
         turning=turning,
     )
-    check_connected(body, list(range(count)), np.arange(count), "point")
+    check_connected(body, range(count), np.arange(count), "point")
     return body
 
 
