@@ -15,9 +15,10 @@ from ..body.body import Body
 from ..errors import SceneError
 from ..motion.plane.frame import build_frame
 from ..rounding import EPS
+from ..scene.assembly import Assembly
 from ..scene.scene import Scene
 from ..sweep.keys import key_steps
-from ..sweep.stack import Stack, shares_mesh, stack
+from ..sweep.stack import shares_mesh, stack
 from ..sweep.vary import Variations, vary
 
 _STEP = 2.0**-7
@@ -193,7 +194,7 @@ def _differentiate_together(
 
     Those on which an array does not depend linearly are left out.
     """
-    base = _flat(scene)
+    base = _flat(scene)[0]
     found = {name: np.zeros(base.size) for name, group in changing.items() if not group}
     names = [name for name, group in changing.items() if group]
     if not names:
@@ -208,7 +209,7 @@ def _differentiate_together(
         shift = np.tile((-1.0, 1.0), which.size) * step[moved]
         columns = value[owner, None] + np.where(owner[:, None] == moved, shift, 0.0)
         variations = Variations(scene, dict(zip(keys, columns, strict=True)), (moved.size,))
-        arrays = _arrays_of_stack(stack(variations, check=False))
+        arrays = _flat(stack(variations, check=False).assembly, moved.size)
         for i, pair in zip(which, arrays.reshape(which.size, 2, -1), strict=True):
             size = np.maximum(np.abs(pair).max(axis=0), np.abs(base))
             if (np.abs(pair[0] + pair[1] - 2.0 * base) <= _LINEAR * size).all():
@@ -224,11 +225,11 @@ def _differentiate_alone(
     Where a number jumps, the side on which it does not counts, and 0 where it jumps on both; whether one does is the
     second result.
     """
-    base = _flat(scene)
+    base = _flat(scene)[0]
 
     @functools.cache
     def at(step: float) -> np.ndarray:
-        arrays = _flat(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])
+        arrays = _flat(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])[0]
         if arrays.size != base.size:
             raise SceneError(
                 f"{caller}: {name} changes the number of waypoints, contacts or knots; it has no derivative"
@@ -312,16 +313,16 @@ def _weights(places: tuple[int, ...]) -> np.ndarray:
     return np.linalg.solve(matrix, unit)
 
 
-def _arrays(scene: Scene) -> tuple[Any, ...]:
-    """Collect all arrays of a scene that a run depends on."""
+def _arrays(scene: Assembly) -> tuple[np.ndarray, ...]:
+    """Collect all arrays of a scene, or of variations, that a run depends on."""
     drive = scene.drive
-    period = 0.0 if drive.period is None else drive.period
+    period = np.atleast_1d(0.0 * drive.times[..., :1] if drive.period is None else drive.period)
     stiffness, shape = scene.body.stiffness, (np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     if scene.dimension == 2:
         frame = build_frame(scene.body, scene.directions)
         stiffness, shape = frame.stiffness, (frame.position, frame.rest, frame.offset)
     start = scene.start_displacement
-    return (stiffness, collect_pieces(scene.body), drive.targets, start, drive.times, [period], *shape)
+    return (stiffness, collect_pieces(scene.body), drive.targets, start, drive.times, period, *shape)
 
 
 def collect_pieces(body: Body) -> np.ndarray:
@@ -339,16 +340,9 @@ def collect_pieces(body: Body) -> np.ndarray:
     return np.where(np.isfinite(pieces), pieces, 0.0)
 
 
-def _flat(scene: Scene) -> np.ndarray:
-    return np.concatenate([np.ravel(array) for array in _arrays(scene)])
-
-
-def _arrays_of_stack(many: Stack) -> np.ndarray:
-    """Collect the same arrays of stacked scenes, shape (M, size)."""
-    count = len(many)
-    period = np.zeros(count) if many.period is None else many.period
-    parts = (many.stiffness, many.targets, many.start, many.times, period)
-    return np.hstack([np.reshape(part, (count, -1)) for part in parts])
+def _flat(scene: Assembly, count: int = 1) -> np.ndarray:
+    """Join the arrays of a scene, or of so many variations that were assembled together, shape (count, size)."""
+    return np.hstack([np.reshape(array, (count, -1)) for array in _arrays(scene)])
 
 
 def changing_keys(scene: Scene, name: str, path: tuple[str | int, ...]) -> tuple[str, ...]:
