@@ -56,53 +56,39 @@ class Readout:
                 plane (3, 2 M).
         """
         body = self._body
-        if self._tree is not None:
-            self._read_turning(self._tree, crawler, seconds, of_joints, of_contacts)
-            return
         if body.dimension == 2:
             self._read_planar(crawler, seconds, of_joints, of_contacts)
             return
         state: Any = crawler._state
         read_records(state.contacts, state.springs, self.joints, self.seen, seconds, of_joints, of_contacts)
-        self._read_segments(crawler, of_joints)
-
-    def _read_segments(self, crawler: Crawler, of_joints: np.ndarray) -> None:
-        """Read elongations and tensions of segments, bitwise the sums of `Body.joint_sum`."""
-        if self._body.segments:
-            links = self._body.link_springs.size
+        if body.segments:  # bitwise the sums of `Body.joint_sum`
+            links = body.link_springs.size
             of_joints[0, 1 + links :] = crawler.joint_elongation[links:]
             of_joints[2, 1 + links :] = crawler.joint_tension[links:]
 
     def _read_planar(self, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray) -> None:
+        """Read a body in the plane; velocities are differences over the command."""
+        body, tree, root = self._body, self._tree, self._root
         x, velocity, ground = crawler.displacement, crawler.gained / seconds, _force_of_ground(crawler)
-        root, (first, second) = slice(self._root, self._root + 1), self._pairs.T
-        of_joints[0] = np.concatenate((x[root], crawler.joint_elongation)).ravel()
-        of_joints[1] = np.concatenate((velocity[root], velocity[second] - velocity[first])).ravel()
-        of_joints[2] = np.concatenate((ground[root], crawler.joint_tension)).ravel()
-        self._read_planar_contacts(x, velocity, ground, of_contacts)
-
-    def _read_planar_contacts(
-        self, x: np.ndarray, velocity: np.ndarray, ground: np.ndarray, of_contacts: np.ndarray
-    ) -> None:
-        of_contacts[0] = (self._body.position + x)[self.shown].ravel()
+        elongation = crawler.joint_elongation
+        angles = turned = np.zeros(0)
+        if tree is None:
+            first, second = self._pairs.T
+            rate = velocity[second] - velocity[first]
+        else:
+            before, links = x - crawler.gained, body.springs
+            change = elongation - body.elongation(before)
+            change[links:] = wrap(change[links:])
+            rate = change / seconds
+            angles = tree.find_free_angles(body.position + x)
+            turned = wrap(angles - tree.find_free_angles(body.position + before)) / seconds
+        none = np.zeros(angles.size)
+        of_joints[0] = np.concatenate((x[root], angles[:1], elongation.ravel(), angles[1:]))
+        of_joints[1] = np.concatenate((velocity[root], turned[:1], rate.ravel(), turned[1:]))
+        of_joints[2] = np.concatenate((ground[root], none[:1], crawler.joint_tension.ravel(), none[1:]))
+        of_contacts[0] = (body.position + x)[self.shown].ravel()
         of_contacts[1] = velocity[self.shown].ravel()
         of_contacts[2] = ground[self.shown].ravel()
-
-    def _read_turning(
-        self, tree: TurningTree, crawler: Crawler, seconds: float, of_joints: np.ndarray, of_contacts: np.ndarray
-    ) -> None:
-        """Read a body that turns; velocities are differences over the command, as those of contacts."""
-        x, ground, root = crawler.displacement, _force_of_ground(crawler), self._root
-        before, links = x - crawler.gained, self._body.springs
-        velocity, elongation = crawler.gained / seconds, crawler.joint_elongation
-        change = elongation - self._body.elongation(before)
-        change[links:] = wrap(change[links:])
-        angles = tree.find_free_angles(self._body.position + x)
-        turned = wrap(angles - tree.find_free_angles(self._body.position + before))
-        of_joints[0] = np.concatenate((x[root], angles[:1], elongation, angles[1:]))
-        of_joints[1] = np.concatenate((velocity[root], turned[:1] / seconds, change / seconds, turned[1:] / seconds))
-        of_joints[2] = np.concatenate((ground[root], [0.0], crawler.joint_tension, np.zeros(angles.size - 1)))
-        self._read_planar_contacts(x, velocity, ground, of_contacts)
 
 
 def find_turn(crawler: Crawler) -> float:
