@@ -256,7 +256,7 @@ def _check_times(times: np.ndarray, period: Any, doubts: np.ndarray | None) -> N
     if period is None:
         return
     end, last = np.atleast_1d(period), times[..., -1:]
-    refuse(~(end * NS >= 1.0), 1, lambda _: f"drive.period: {period:g} s; it must be > 0", doubts)
+    refuse(~(end * NS >= 1.0), 1, lambda _: f"drive.period: {period:g} s; it must be at least 1e-9 s", doubts)
     refuse(
         end < last,
         1,

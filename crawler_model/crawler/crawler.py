@@ -164,12 +164,12 @@ class Crawler:
     @property
     def joint_elongation(self) -> np.ndarray:
         """Elongation of each link, then of each segment, shape (J,), in the plane (J, 2) [m]."""
-        return self.body.joint_sum(self.shape)
+        return frozen(self.body.joint_sum(self.shape))
 
     @property
     def joint_tension(self) -> np.ndarray:
         """Tension of each link, then mean tension of each segment, shape (J,), in the plane (J, 2) [N]."""
-        return self.body.joint_mean(self._state.tension)
+        return frozen(self.body.joint_mean(self._state.tension))
 
     def copy(self) -> Crawler:
         """Copy the crawler.
