@@ -149,9 +149,11 @@ class GaitPlayer(QuietNode):
             self.send()
 
     def send(self) -> None:
-        """Send what is due, if a start has been chosen."""
+        """Send what is due, from the start that was chosen, or where simulated time stands still, from one after it."""
         if self._start_ns is None:
-            return
+            if self._publisher.get_subscription_count() == 0:
+                return
+            self._start_ns = self._choose_start()
         if self._sent == 0:
             self.get_logger().info(f"playing from simulated time {self._start_ns / NS:.3f} s")
         if self.drive.period is None:
@@ -204,8 +206,8 @@ class GaitPlayer(QuietNode):
 
     @property
     def waits_to_send(self) -> bool:
-        """Whether a start has been chosen and nothing sent yet."""
-        return self._start_ns is not None and self._sent == 0
+        """Whether a state has arrived and nothing been sent yet."""
+        return self.now_ns >= 0 and self._sent == 0
 
     def wait_for_receipt(self) -> None:
         """Wait until the simulator has received all that was sent, which ends with this process otherwise."""
