@@ -25,8 +25,8 @@ from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
 
 _MOST_ROWS = 20
-_MOST_NUMBERS = 2e7
-"""Positions of contacts that a run for the report may hold."""
+_MOST_TICKS, _MOST_NUMBERS = 5e4, 2e7
+"""Ticks and positions of contacts that a run for the report may have, beyond those at the usual rate."""
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
 _LONGEST = 20.0  # m: longer than any robot of the literature
@@ -42,10 +42,10 @@ def choose_rate(scene: Scene) -> float:
         scene: the scene.
 
     Returns:
-        The lowest rate that does, up to 100 times the usual one; less if the run would be too long for memory [Hz].
+        The lowest rate that does, up to 100 times the usual one; less if the run would take long [Hz].
     """
     times = np.append(scene.drive.times, scene.drive.period or 0.0)
-    most = _MOST_NUMBERS / (max(default_duration(scene.drive), 1e-9) * scene.body.contacts)
+    most = min(_MOST_TICKS, _MOST_NUMBERS / scene.body.contacts) / max(default_duration(scene.drive), 1e-9)
     rates = [RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if RATE * factor <= most]
     met = [rate for rate in rates if np.abs(times * rate - np.rint(times * rate)).max() < 1e-6]
     return (met or rates[-1:] or [RATE])[0]
