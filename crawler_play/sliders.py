@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.run.table import unit_of_command
 
 SLOPE = "slope"
 """Name of the control of the slope, which adds to the loads of all contacts."""
@@ -53,11 +54,7 @@ def list_controls(scene: Scene, tilts: bool) -> list[Control]:
         if not where or (name.endswith("/friction") and columns.planar is None):
             continue
         seen.update(where)
-        kind = columns.kind(where[0])
-        lengthwise = columns.lengths - (columns.joints or 0)
-        unit = ("m" if name.startswith("link_") else "1") if where[0] < lengthwise else "rad"
-        if kind != "actuation":
-            unit = "N" if name.startswith("contact_") else "N/m"
+        kind, unit = columns.kind(where[0]), unit_of_command(columns, where[0])
         least, most = _limits(scene, kind, unit, rows[:, where])
         found.append(Control(name, kind, unit, tuple(where), least, most))
     slope = [Control(SLOPE, SLOPE, "°", (), -45.0, 45.0)] if tilts else []

@@ -79,8 +79,9 @@ def rational_rate(rate: float) -> Fraction:
     Raises:
         CommandError: if it is out of range.
     """
-    if not isinstance(rate, (int, float, np.integer, np.floating)) or not 1e-9 <= rate <= 1e9:
-        given = f"{float(rate):g}" if isinstance(rate, (int, float, np.integer, np.floating)) else repr(rate)
+    is_number = isinstance(rate, (int, float, np.integer, np.floating))
+    if not is_number or not 1e-9 <= rate <= 1e9:
+        given = f"{float(rate):g}" if is_number else repr(rate)
         raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
     exact = Fraction(float(rate))
     near = exact.limit_denominator(10**6)
