@@ -81,20 +81,34 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
         self._finalize_final_module()  # type: ignore[no-untyped-call]
 
 
+class _Whole(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a function that Python calls, and of all that it calls.
+
+    Nothing else calls these copies. So LLVM puts those with one caller there, and passes to others only what they use:
+    a call copied some eighty numbers otherwise, a fifth of the time of a tick of two contacts.
+    """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._optimize_final_module()  # type: ignore[no-untyped-call]
+
+
 @register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
-class _KeepParts(FunctionPass):  # type: ignore[misc]
+class _ChooseLibrary(FunctionPass):  # type: ignore[misc]
     """Keep functions that Python does not call as parts of those that call them."""
 
-    _name = "crawler_keep_parts"
+    _name = "crawler_choose_library"
 
     def __init__(self) -> None:
         super().__init__()  # type: ignore[no-untyped-call]
 
     def run_pass(self, state: Any) -> bool:
         """Choose where the code goes."""
-        if state.flags.no_cpython_wrapper:
-            state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
-            state.library.enable_object_caching()
+        kind = _Part if state.flags.no_cpython_wrapper else _Whole
+        state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)  # type: ignore[no-untyped-call]
+        state.library.enable_object_caching()
         return False
 
 
@@ -189,7 +203,7 @@ class Compiler(CompilerBase):  # type: ignore[misc]
         """
         passes: Any = DefaultPassBuilder.define_nopython_pipeline(self.state)  # type: ignore[no-untyped-call]
         passes.add_pass_after(_UnsignedIndices, NoPythonSupportedFeatureValidation)
-        passes.add_pass_after(_KeepParts, _UnsignedIndices)
+        passes.add_pass_after(_ChooseLibrary, _UnsignedIndices)
         passes.passes = [
             (_Lowering if one is NativeLowering else one, text)
             for one, text in passes.passes
