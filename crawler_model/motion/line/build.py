@@ -13,6 +13,7 @@ from ...errors import SceneError
 from ...rounding import EPS
 from ..pieces import NO_PIECES
 from .records import BACKWARD, BEND, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, PIECE, RUN, SPRING, zeros
+from .tournament import find_winners
 
 LONG = 256
 """Contacts of a chain that may have sleeping runs of contacts (`runs`)."""
@@ -169,6 +170,7 @@ def build_contacts(body: Body, x: np.ndarray, tension: np.ndarray, bounds: np.nd
     at = np.sort(body.ends.ravel())
     contacts["first"] = np.searchsorted(at, np.arange(n))
     contacts["last"] = np.searchsorted(at, np.arange(n), "right")
+    contacts["winner"] = find_winners(n)
     contacts["order"] = np.arange(n) if body.is_chain else order_contacts(body)[0]
     force = contacts["force"] = body.spring_force(tension)
     friction = forward + backward

@@ -25,7 +25,7 @@ from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
 from .springs.parts import begin_part, begin_parts
 from .timing import find_next
-from .tournament import begin_tournament, find_earliest, schedule
+from .tournament import find_earliest, schedule
 
 
 @lean
@@ -41,7 +41,7 @@ def _touch_wall(contacts, springs, model, ramp, i):
         if not ramp.falling or springs[end.spring].since < 0.0:
             c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
-        schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
+        schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
 
 
 @inlined
@@ -118,7 +118,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
                 held = FORWARD | BACKWARD
         c.leaving = c.at & ~held
         leave_border(c, model.ground, ramp, e.contact)
-        schedule(contacts, e.contact, find_next(contacts, springs, model, ramp, e.contact), ramp.begun)
+        schedule(contacts, e.contact, find_next(contacts, springs, model, ramp, e.contact))
         if ramp.path == 0:
             for k in range(c.first, c.last):
                 end = model.ends[k]
@@ -225,7 +225,7 @@ def _meet(contacts, springs, model, ramp):
         else:
             c.at |= c.coming
             c.v = BEGINS if c.coming == FORWARD else -BEGINS
-        schedule(contacts, i, np.inf, ramp.begun)
+        schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.block, i, count)
         i = find_earliest(contacts)
         if passes_singly(model.curves, ramp):
@@ -250,13 +250,11 @@ def _touch_stopped(contacts, springs, model, ramp, count):
 
 
 @inlined
-def _begin_tournament(contacts, springs, model, ramp):
-    """Find the next events of contacts at rest, and the earliest of all."""
+def _schedule_resting(contacts, springs, model, ramp):
+    """Find the next events of contacts at rest; all events are then known."""
     for i in range(contacts.shape[0]):
-        c = contacts[i]
-        if c.at == 0:
-            c.next = find_next(contacts, springs, model, ramp, i)
-    begin_tournament(contacts)
+        if contacts[i].at == 0:
+            schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
     ramp.begun = 1
 
 
@@ -269,7 +267,7 @@ def _choose(contacts, springs, model, ground, curves, ramp, count):
     if ground is not None or curves is not None:
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
-            schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
+            schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
     note_interval(ramp, ramp.s, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 
@@ -370,7 +368,7 @@ def follow_events(contacts, springs, model, ramp):
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue
         if not ramp.begun:
-            _begin_tournament(contacts, springs, model, ramp)
+            _schedule_resting(contacts, springs, model, ramp)
         _choose(contacts, springs, model, ground, model.curves, ramp, count)
         count = 0
         s = contacts[find_earliest(contacts)].next

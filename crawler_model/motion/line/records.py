@@ -240,7 +240,7 @@ RAMP = np.dtype(
         ("stepping", _BYTE),  # whether the ramp is one implicit step
         ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
-        ("begun", _BYTE),  # whether the tournament holds the events
+        ("begun", _BYTE),  # whether the tournament holds all events
         ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
         ("effort", _INT),  # contacts solved so far, counted in every round
         ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step

@@ -58,7 +58,7 @@ def find_next(contacts, springs, model, ramp, i):
         contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
 
     Returns:
-        The place on the ramp; infinite if there is none.
+        The place on the ramp; infinite if there is none up to its end.
     """
     c = contacts[i]
     when = find_meeting(c, model.ground, i)
@@ -69,4 +69,5 @@ def find_next(contacts, springs, model, ramp, i):
             when = other
         else:
             c.coming = border
-    return _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
+    when = _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
+    return when if when <= 1.0 else np.inf

@@ -1,6 +1,11 @@
-"""The kinetic tournament of the next events of all contacts: node n + i is contact i, node 1 holds the earliest."""
+"""The kinetic tournament of the next events of all contacts: node n + i is contact i, node 1 holds the earliest.
+
+It lasts from ramp to ramp: where no contact has an event, any contact below a node may be its winner.
+"""
 
 from __future__ import annotations
+
+import numpy as np
 
 from ...compiled import inlined
 
@@ -18,11 +23,19 @@ def _play(contacts, node):
     return changed
 
 
-@inlined
-def begin_tournament(contacts):
-    """Find the winners of all nodes."""
-    for node in range(contacts.shape[0] - 1, 0, -1):
-        _play(contacts, node)
+def find_winners(contacts: int) -> np.ndarray:
+    """Find a contact below each node.
+
+    Args:
+        contacts: number of contacts N.
+
+    Returns:
+        Shape (N,); that of node 0, which is none, has no meaning.
+    """
+    node = np.maximum(np.arange(contacts), 1)
+    while (node < contacts).any():
+        node = np.where(node < contacts, 2 * node, node)
+    return node - contacts
 
 
 @inlined
@@ -36,18 +49,17 @@ def find_earliest(contacts):
 
 
 @inlined
-def schedule(contacts, i, when, begun):
+def schedule(contacts, i, when):
     """Change the next event of a contact.
 
     Args:
         when: place of its next event on the ramp.
-        begun: whether the tournament has begun.
     """
     if contacts[i].next == when:
         return
     contacts[i].next = when
     node = (contacts.shape[0] + i) >> 1
-    while begun and node >= 1:
+    while node >= 1:
         held = contacts[node].winner == i
         if not _play(contacts, node) and not held:
             return

@@ -18,7 +18,7 @@ from ....compiled import lean
 from ..advance import advance, advance_spring, place_of
 from ..block import list_contact, settle
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
-from ..tournament import begin_tournament, schedule
+from ..tournament import schedule
 from .borders import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
 
 _BEGIN, _END = -1.0, -1e-300
@@ -119,7 +119,7 @@ def draw(contacts, model, ground, ramp, i):
     c.force_rate = 0.0
     c.leaving = c.side = 0
     c.since = ramp.s
-    schedule(contacts, i, np.inf, ramp.begun)
+    schedule(contacts, i, np.inf)
     model.block[ramp.drawn].drawn, model.block[ramp.drawn].held = i, c.forward + c.backward
     ramp.drawn += 1
 
@@ -160,7 +160,7 @@ def _let_fall(contacts, model, ground, ramp, i, count):
 def _let_all_fall(contacts, model, ground, ramp, count):
     """Put all contacts that fall now onto their borders; returns how many contacts are listed.
 
-    The tournament is descended to all events that come within the rounding of positions.
+    The tournament is descended to all events that come within the rounding of positions, unless that is beyond them.
     """
     n, block, first = contacts.shape[0], model.block, ramp.due - 1
     until = np.inf
@@ -174,7 +174,7 @@ def _let_all_fall(contacts, model, ground, ramp, count):
         for j in range(ramp.drawn):
             count = _let_fall(contacts, model, ground, ramp, block[j].drawn, count)
         return count
-    if not ramp.begun:
+    if until > 1.0:
         for i in range(n):
             count = _let_fall(contacts, model, ground, ramp, i, count)
         return count
@@ -240,14 +240,13 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
         ramp.falling, ramp.drawn = 1, 0
         if not ramp.begun:
             draw_all(contacts, model, ground, ramp)
-            begin_tournament(contacts)
             ramp.begun = 1
     for j in range(count):
         draw(contacts, model, ground, ramp, block[j].hit)
     for j in range(ramp.drawn):
         i = block[j].drawn
         c, foot = contacts[i], ground.feet[i]
-        schedule(contacts, i, np.inf, ramp.begun)
+        schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.block, i, count)
         if c.fallen & FORWARD:
             bound = c.forward
@@ -304,7 +303,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
             c.backward, c.d_backward = max(backward, c.backward + c.since * c.d_backward), 0.0
         if c.at == 0:
             c.v = 0.0
-        schedule(contacts, i, np.inf, ramp.begun)
+        schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.block, i, count)
     ramp.drawn = 0
     return count

@@ -89,7 +89,7 @@ def time_contact(contacts, springs, model, ramp, i):
         draw(contacts, model, model.ground, ramp, i)
     settle(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
-    schedule(contacts, i, find_next(contacts, springs, model, ramp, i), ramp.begun)
+    schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
 
 
 @lean
