@@ -127,7 +127,7 @@ def check_range(name: str, given: Any) -> tuple[float, float]:
     """
     try:
         low, high = (float(value) for value in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         low = high = math.nan
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise CrawlerError(f"{name}: {given!r}; it must be two finite numbers [least, largest], in order")

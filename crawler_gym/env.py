@@ -219,7 +219,7 @@ def read_action(action: Any, shape: tuple[int, ...]) -> np.ndarray:
     """
     try:
         array = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CommandError(f"action: {action!r}; it must be {shape} numbers") from None
     if array.shape != shape:
         raise CommandError(f"action: shape {array.shape}; it must be {shape}")

@@ -237,7 +237,7 @@ def _read_waypoints(given: Sequence[Sequence[float]] | None, length: float) -> n
         return np.array([[2.0 * length, length]])
     try:
         waypoints = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         waypoints = np.empty(0)
     if waypoints.ndim != 2 or waypoints.shape[1] != 2 or not waypoints.size or not np.isfinite(waypoints).all():
         raise CrawlerError(f"waypoints: {given!r}; they must be a list of places [x, y] [m], all finite")

@@ -140,7 +140,7 @@ def _place(scene: Scene, place: float | Sequence[float] | None, length: float) -
         return np.array([float(scene.body.share @ scene.start_displacement) + length])
     try:
         goal = np.atleast_1d(np.array(place, dtype=np.float64))
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         goal = np.empty(0)
     if goal.shape != (axes,) or not np.isfinite(goal).all():
         raise CrawlerError(

@@ -118,7 +118,7 @@ def check_numbers(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -
     count = " x ".join(map(str, shape))
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CommandError(f"{name}: {values!r}; it must be {count} numbers") from None
     if array.shape != shape:
         raise CommandError(f"{name}: shape {array.shape}; it must be {shape}")

@@ -40,13 +40,15 @@ class Crawler:
                 `Step.overspent` counts it.
 
         Raises:
-            CommandError: if the method is unknown, or is `exact` in the plane.
+            CommandError: if the method is unknown, or is `exact` in the plane, or the budget is no whole number.
             SceneError: if `scene` is not a scene.
         """
         check_plan(scene, "Crawler")
         self.scene = scene
         self.method = choose_method(scene, method)
         self.budget = default_budget(scene.body) if budget is None else budget
+        if not isinstance(self.budget, (int, np.integer)) or self.budget < 0:
+            raise CommandError(f"budget: {budget!r}; it must be a whole number, 0 or more")
         self._motion = build_motion(scene)
         self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
         self._row: np.ndarray | None = scene.drive.rows[0]  # as commanded; None if only the target is known

@@ -103,7 +103,7 @@ def check_bounds(name: str, given: Any) -> Bounds:
     """
     try:
         low, high = (float(value) for value in given)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SceneError(f"{name}: {given!r}; bounds are two numbers, the lower one first") from None
     if not (math.isfinite(low) and math.isfinite(high)) or max(abs(low), abs(high)) > LARGEST:
         raise SceneError(f"{name}: {low:g} to {high:g}; bounds must be finite")

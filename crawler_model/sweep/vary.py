@@ -204,7 +204,7 @@ def _restore(document: dict[str, Any], values: dict[str, np.ndarray], shape: tup
 def _numbers(key: str, given: ArrayLike) -> np.ndarray:
     try:
         column = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise SceneError(f"vary: {key}: {given!r}; it must be a list of numbers") from None
     if column.ndim != 1 or column.size == 0 or not np.isfinite(column).all():
         raise SceneError(f"vary: {key}: {given!r}; it must be a list of at least one number, all finite")

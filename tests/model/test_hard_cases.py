@@ -148,6 +148,12 @@ def test_a_spent_budget_is_said_and_the_tick_still_ends():
     assert step.certificate.violation < 1e-13
 
 
+@pytest.mark.parametrize("budget", ["all", -1, 1.5])
+def test_a_budget_is_a_whole_number(budget):
+    with pytest.raises(CommandError, match=r"^budget: .*; it must be a whole number, 0 or more"):
+        Crawler(scene(2, 1.0, 0.1, 0.3), budget=budget)
+
+
 @pytest.mark.parametrize("distance", 10.0 ** np.arange(-15, -2.0))
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_near_critical_friction_is_exact_or_said_to_be_critical(distance, sign):

@@ -333,6 +333,8 @@ def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -
             low, high = (None if end is None else float(end) for end in parameter["interval"])
             if low is None and high is None:
                 raise CrawlerError(f"posterior: {name}: interval [null, null]; one end of a bound must be a number")
+            if low is not None and high is not None and low > high:
+                raise CrawlerError(f"posterior: {name}: interval [{low:g}, {high:g}]; the lower end must come first")
             bounds[name] = (low, high)
         elif verdict == "not excited":
             unknown.append(name)

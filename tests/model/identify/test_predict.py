@@ -347,6 +347,10 @@ def test_the_scene_gets_the_values_and_stays_within_bounds():
             "one end of a bound must be a number",
         ),
         (
+            {"parameters": [{"name": LEFT, "verdict": "bound", "value": 1.0, "interval": [2.0, 1.0]}]},
+            r"interval \[2, 1\]; the lower end must come first",
+        ),
+        (
             {"parameters": [{"name": NAMES[0], "verdict": "not excited", "value": None, "interval": [None, None]}]},
             r"friction.forward\[0\] is named twice",
         ),

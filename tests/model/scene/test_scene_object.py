@@ -66,6 +66,11 @@ def test_a_key_given_twice_is_named_in_json_too():
         parse_scene('{"name": "a", "name": "b"}')
 
 
+def test_a_merge_key_of_yaml_is_refused_in_the_words_of_scenes():
+    with pytest.raises(SceneError, match="in line 2: key '<<' merges another mapping; write its keys out"):
+        parse_scene("friction:\n  <<: {forward: 1.0}\n  backward: 2.0\n")
+
+
 def test_the_gallery_lists_names_and_first_lines():
     assert gallery()["two_anchor_a"]
 
