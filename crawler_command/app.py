@@ -49,6 +49,7 @@ _UsageError: Any = typer.BadParameter.__base__  # from click, or from typer's ow
 _PLAIN = {
     "Input should be a valid number, unable to parse string as a number": "it must be a number, without a unit",
     "Input should be a valid integer, unable to parse string as an integer": "it must be a whole number",
+    "Value error, ": "",
 }
 """What the library writes of a value of an option, and the same in plain words."""
 

@@ -200,7 +200,7 @@ def optimise_command(
     note_left_out(loaded, drive)
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
-    if seconds is None and not found.complete:
+    if found.interrupted:
         raise typer.Exit(130)
 
 

@@ -80,12 +80,19 @@ def describe_optimum(found: Optimum) -> list[str]:
             f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
             for name in one.unknown
         ]
-    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
     lines.append(
         f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
-        f"seed {found.seed}{ending}"
+        f"seed {found.seed}{_describe_end(found)}"
     )
     return lines
+
+
+def _describe_end(found: Optimum) -> str:
+    from crawler_model.optimise.search import MOST_EVALUATIONS
+
+    if found.complete and found.evaluations >= MOST_EVALUATIONS:
+        return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
+    return _NOTHING_BETTER if found.complete else _STOPPED_EARLY
 
 
 def _number(value: float, digits: int = 6) -> str:

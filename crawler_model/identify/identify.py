@@ -14,7 +14,7 @@ from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .fit.fit import Fit, find_fit, fit_from
+from .fit.fit import AGREE, Fit, find_fit, fit_from
 from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit
 from .fit.problem import Offset, Problem
@@ -298,7 +298,10 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
         if are_reversed(scene.body, r.measured)
     ]
     tried = f"{fit.starts} starts, and {fit.reached} of them ended here" if fit.starts > 1 else "one start"
-    warnings.append(
-        f"this is the best of {tried}: if the model is right, it is a local minimum, which more time may leave"
+    found = (
+        "if the model is right, it is a local minimum, which more time may leave"
+        if fit.reached <= AGREE
+        else "more time will hardly find a better one"
     )
+    warnings.append(f"this is the best of {tried}: {found}")
     return warnings

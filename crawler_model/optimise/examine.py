@@ -90,6 +90,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         time.perf_counter() - began,
         motion=regime.motion,
         periods=goal.periods if patched else None,
+        interrupted=found.interrupted,
     )
 
 

@@ -156,7 +156,8 @@ def check_request(scene: Scene, request: Request) -> None:
         raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
     _check_towards_and_periods(scene, request.towards, request.periods)
     if (target is not None) != (objective == SCREW):
-        raise CommandError(f"target: {target}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
+        given = "missing" if target is None else list(target)
+        raise CommandError(f"target: {given}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
     if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
         raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
 

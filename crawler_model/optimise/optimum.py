@@ -101,6 +101,7 @@ class Optimum:
             line.
         periods: on patches of ground, number of periods from the start of which `gain` is the mean; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
+        interrupted: whether Ctrl-C ended the search.
     """
 
     objective: str
@@ -133,6 +134,7 @@ class Optimum:
     motion: tuple[float, ...] | None = None
     periods: int | None = None
     robustness: Robustness | None = None
+    interrupted: bool = False
 
     @property
     def unit(self) -> str:
@@ -184,6 +186,7 @@ class Optimum:
             "robust_to": None if self.robustness is None else self.robustness.as_plain(),
             "seed": self.seed,
             "complete": self.complete,
+            "interrupted": self.interrupted,
             "wall_s": self.wall_s,
         }
 

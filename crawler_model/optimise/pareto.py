@@ -53,6 +53,7 @@ class Front:
         seed: of the random numbers.
         complete: False after Ctrl-C or a time limit, when the result depends on the machine.
         wall_s: wall-clock time [s].
+        interrupted: whether Ctrl-C ended the search.
     """
 
     points: tuple[Compromise, ...]
@@ -61,6 +62,7 @@ class Front:
     seed: int
     complete: bool
     wall_s: float
+    interrupted: bool = False
 
     def __repr__(self) -> str:
         """Describe the curve in one line."""
@@ -91,6 +93,7 @@ class Front:
             "evaluations": self.evaluations,
             "seed": self.seed,
             "complete": self.complete,
+            "interrupted": self.interrupted,
             "wall_s": self.wall_s,
         }
 
@@ -160,9 +163,10 @@ def pareto(
             if one.score > -math.inf:
                 found.append(one.point)
     points = _undominated([_compromise(space, point) for point in found])
-    complete = seconds is None and not any(run.interrupted for run in runs)
+    interrupted = any(run.interrupted for run in runs)
+    complete = seconds is None and not interrupted
     evaluations = sum(run.evaluations for run in runs)
-    return Front(points, unknowns.names, evaluations, seed, complete, time.perf_counter() - began)
+    return Front(points, unknowns.names, evaluations, seed, complete, time.perf_counter() - began, interrupted)
 
 
 def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,8 +19,8 @@ _STALE_ROUNDS = {1: 12, 2: 4}
 kind, as each gait takes a hundred times longer than on a line."""
 _BETTER = 1e-4
 """Improvements by a smaller part do not count as better for this."""
-_MOST_ROUNDS = 100
-_MOST_EVALUATIONS = 30_000
+MOST_EVALUATIONS = 30_000
+"""Candidates after which a search without a time limit ends."""
 _KEPT = 32
 _FLIPPED, _CLIMBED = 12, 3
 """How many of the best random points are improved by flips, and how many of these by derivatives."""
@@ -37,7 +38,7 @@ class Found:
         optima: local optima, best first: score and point.
         evaluations: how many candidates were run, with derivatives or without.
         found_after_s: when the best one was found [s].
-        interrupted: whether Ctrl-C or the time limit ended the search.
+        interrupted: whether Ctrl-C ended the search.
     """
 
     point: np.ndarray
@@ -109,12 +110,12 @@ class _Search:
 
     def go(self, begin: list[np.ndarray]) -> None:
         stale = 0
-        for number in range(_MOST_ROUNDS):
+        for number in itertools.count():
             before = self.found.score
             self.round(number, begin if number == 0 else [])
             stale = 0 if self.found.score > before + _BETTER * abs(before) or number == 0 else stale + 1
             if self.seconds is None:
-                self.report(max(stale / self.rounds, self.evaluator.evaluations / _MOST_EVALUATIONS))
+                self.report(max(stale / self.rounds, self.evaluator.evaluations / MOST_EVALUATIONS))
                 if stale >= self.rounds:
                     return
             if self.over():
@@ -123,7 +124,7 @@ class _Search:
     def over(self) -> bool:
         """Determine whether the time limit is reached, or without one that of the evaluations."""
         if self.seconds is None:
-            return self.evaluator.evaluations >= _MOST_EVALUATIONS
+            return self.evaluator.evaluations >= MOST_EVALUATIONS
         passed = clock() - self.began
         self.report(passed / self.seconds)
         return passed >= self.seconds

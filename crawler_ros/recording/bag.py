@@ -17,6 +17,7 @@ from mcap.records import Attachment, Channel, Schema
 
 from crawler_model import Scene, SceneError
 
+from .bag_folder import list_bags
 from .blocks import BagError as BagError
 from .blocks import Block as Block
 from .blocks import Contents, read_file
@@ -269,10 +270,8 @@ def newest(path: Path) -> Path:
     Returns:
         The path itself if it is a recording, else the newest recording in the folder.
     """
-    if not path.is_dir() or any(path.glob("*.mcap")):
-        return path
-    inside = [file for file in path.glob("*/*.mcap") if file.is_file()]
-    return max(inside, key=lambda file: file.stat().st_mtime_ns).parent if inside else path
+    bags = list_bags(path)
+    return path if bags == [path] else max(bags, key=lambda bag: max(f.stat().st_mtime_ns for f in bag.glob("*.mcap")))
 
 
 def recover(path: Path, folder: Path) -> int:

@@ -63,6 +63,6 @@ def list_bags(parent: Path) -> list[Path]:
     Returns:
         The bag folders by name; the path itself if it is a recording or holds none.
     """
-    if not parent.is_dir() or any(parent.glob("*.mcap")):
-        return [parent]
-    return sorted({file.parent for file in parent.glob("*/*.mcap") if file.is_file()}) or [parent]
+    bags = sorted({file.parent for file in parent.glob("*/*.mcap") if file.is_file()})
+    is_bag = (parent / "metadata.yaml").exists()  # an .mcap file beside bag folders makes no bag of their parent
+    return [parent] if is_bag or not bags else bags

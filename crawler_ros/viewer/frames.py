@@ -209,7 +209,7 @@ def frames_of_recording(
             the recorded states do not hold them.
 
     Returns:
-        The scene and its frames, one per joint_states message.
+        The scene and its frames, one per joint_states message; without any, reading them raises a BagError.
 
     Raises:
         BagError: when it cannot be read, its scene is missing, or several crawlers were recorded.
@@ -248,7 +248,7 @@ def _frames(
     body, row = scene.body, scene.drive.rows[0]
     ahead, run, last = deque(jumps), 0, 0
     motion = _MotionReader(body)
-    damaged = 0
+    damaged, empty = 0, True
 
     def decode(data: bytes, kind: str) -> Any:
         """Decode a message; None if its bytes are damaged, whatever error that causes, or do not fit the scene."""
@@ -282,9 +282,12 @@ def _frames(
             last, passed = stamp, []
             while ahead and (ahead[0][0], round(ahead[0][1].time * NS)) <= (run, stamp):
                 passed.append(ahead.popleft()[1])
+            empty = False
             yield frame_of_tick(scene, stamp, x, message.position[body.dimension :], tension, state, row, tuple(passed))
     if damaged:
         print(f"{path}: left out {damaged} messages that are damaged or do not fit the scene", file=sys.stderr)
+    if empty:
+        raise BagError(f"{path}: the recording has no state to draw")
 
 
 def find_moving(body: Body, moved: np.ndarray) -> np.ndarray:

@@ -416,9 +416,19 @@ def test_damage_in_the_middle_costs_no_more_than_its_chunk(tmp_path):
 def test_of_a_folder_of_recordings_the_newest_is_taken(tmp_path):
     record(tmp_path / "bags" / "b", "two_anchor_b", 1)
     newer = record(tmp_path / "bags" / "a", "two_anchor_a", 1)
+    (tmp_path / "bags" / "power_cut.mcap").write_bytes(b"")  # beside the bags: it makes no bag of their folder
     done = crawler("replay", tmp_path / "bags")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"{newer}: complete")
+
+
+@pytest.mark.parametrize("verb", [["view", "--png", "x.png"], ["animate", "--out", "x.html"]])
+def test_a_recording_without_states_is_one_line_that_names_it(tmp_path, verb):
+    path = write(tmp_path / "empty", [], attachments(load_scene("two_anchor_a")))
+    done = crawler(verb[0], path, *verb[1:], cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr == f"crawler: {path}: the recording has no state to draw\n"
+    assert not list(tmp_path.glob("x.*"))
 
 
 def test_a_recordings_own_scene_comes_first(tmp_path):

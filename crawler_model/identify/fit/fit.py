@@ -23,7 +23,7 @@ _HARDER = 20.0
 _MOST_DAMPING = 1e2
 _SAME_MINIMUM = 2e-3
 """Part by which the sums of squares at the ends of two starts may differ if they ended at the same minimum."""
-_AGREE = 2
+AGREE = 2
 """Unrelated starts that end at the best minimum until it is taken for the global one."""
 _FITS, _NEARLY = 1.1, 1.5
 """Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
@@ -207,7 +207,7 @@ def find_fit(
             ends += [] if family == "kick" else [(costs[-1], family)]  # it is related to the best
             same = {family for cost, family in ends if cost <= best.cost * (1.0 + _SAME_MINIMUM)}
             size = _find_size(coarse, best)
-            if size <= _FITS or (len(same) >= _AGREE and size <= _NEARLY):
+            if size <= _FITS or (len(same) >= AGREE and size <= _NEARLY):
                 break
     except KeyboardInterrupt:
         if best is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import json
 
@@ -382,3 +383,15 @@ def test_a_transient_that_dies_out_has_no_cost_of_transport():
     )
     assert best.gain > 1e-3
     assert simulate_many([best.scene], 50.0).cost_of_transport[0] == pytest.approx(best.value, rel=1e-9)
+
+
+def test_with_a_time_limit_the_search_goes_on_until_it_is_over(monkeypatch):
+    time = itertools.count()
+    module = importlib.import_module("crawler_model.optimise.search")
+    monkeypatch.setattr(module, "clock", lambda: float(next(time)))
+    monkeypatch.setattr(_Search, "round", lambda self, number, _: rounds.append(number))
+    rounds: list[int] = []
+    _, space = build_space(chain(2), Request("translation", stroke=(0.0, 0.1), waypoints=2))
+    search(space, 0, 500.0, [])
+    assert rounds[-1] > 100
+    assert next(time) > 500

@@ -128,7 +128,7 @@ def test_compromises_between_going_far_and_going_cheaply(monkeypatch):
         ({"objective": "travel"}, "must be one of translation, cost-of-transport, turn, screw"),
         ({"tension": 1.0}, "tension: not available for scissors, which turns; leave it out"),
         ({"free": {"friction": (0.0, 1.0)}}, "free: friction: scissors turns"),
-        ({"objective": "screw"}, "target: None; the objective 'screw' needs dx, dy, dyaw"),
+        ({"objective": "screw"}, "target: missing; the objective 'screw' needs dx, dy, dyaw"),
         ({"objective": "screw", "target": (0.0, 1.0)}, "it must be three finite numbers"),
         ({"objective": "screw", "target": (0.0, 1.0, np.nan)}, "it must be three finite numbers"),
     ],
