@@ -40,6 +40,9 @@ _SHORT = 1e-3
 on that moves by more than this part of what its velocity suggests."""
 _SHORT_OF = 1.0 - 1e-6
 """Derivatives are followed over this much of a part at whose end a force may reach a corner and be on two edges."""
+_CROSSING = 1e-7
+"""A part this short on the ramp only crosses an event. Its velocities mix those on both sides of it, so it belongs to
+the part before, and the event is passed behind it."""
 _STEP = 1e-7
 """Step of the differences of gaps, relative to what changes with a parameter."""
 _ROUNDING = 1e-12
@@ -182,6 +185,9 @@ class PlanePath:
             if last is not None and length < _SHORT:
                 expected = np.hypot(*last.velocity.T) * (length / last.length)
                 slides |= (way > _SHORT * expected) & last.slides
+            if last is not None and length < _CROSSING and part < 1.0:
+                self._d_command = self._d_command + part * (d_target - self._d_command)
+                continue
             now = _Part(length, x, command, force, gap, moved, slides, np.empty_like(x), np.empty_like(x), rate)
             if last is not None:
                 self._finish_stops(last, now)
