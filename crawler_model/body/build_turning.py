@@ -14,7 +14,7 @@ from .body import Body
 from .build import check_connected
 from .turning import Turning
 
-_COINCIDE = 1e-9
+_COINCIDE = 1e-6
 """Points nearer to each other than this part of the size of the body coincide."""
 
 

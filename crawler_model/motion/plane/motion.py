@@ -14,12 +14,13 @@ from ...body.plan import Plan
 from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
 from ..jump import Jump
-from ..state import ACCOUNT_SIZE, DISSIPATION, LOADS_WORK, OVERSPENT, SPENT, VISITED, WORK
+from ..state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT, SPENT, VISITED, WORK
 from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
 from .jump import jump
 from .ramp import LENGTH, MARGIN, PLACE, follow_ramp, force_step
+from .translation import is_held
 
 _SHARE = 0.1
 """Part of the tolerance available to the parts of a ramp, as later parts may amplify errors of earlier ones."""
@@ -296,6 +297,8 @@ class PlaneMotion:
             if distance > self.tolerance or not self.body.turning.jumps:
                 if not self._falls(before, target, part, velocity, distance):
                     account[OVERSPENT] += distance > self.tolerance  # no part of the ramp keeps the tolerance here
+                    if not is_held(self.frame, target, state.x, state.x - before[0]):
+                        account[AMBIGUOUS] = 1.0
                 elif self.body.turning.jumps:
                     yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))
                 else:

@@ -28,7 +28,7 @@ from .friction import ON_BOUNDARY, gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import approach, solve_stage
-from .translation import choose_translation
+from .translation import choose_translation, is_held
 from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _TURNING_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-5, 1e-4, 1e-2
@@ -287,6 +287,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     after_this = round_down(frame, min(max(growth, 0.3), 4.0) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     _take(frame, state, target, part, best, after, account)
+                    unique = unique and (frame.vector or is_held(frame, target, after, best))
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:

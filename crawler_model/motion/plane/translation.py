@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import inner, lean
+from ...compiled import entry, inner, lean
 from ...rounding import CRITICAL, EPS
 from .elastic import pull
 from .frame import friction_of
@@ -16,6 +16,9 @@ _CLOSE = 2e-13
 """Rounding error of a force, relative to the magnitude of its terms."""
 _SAME_SHAPE = 1e-9
 """Steps that differ from a translation by no more than this part have the same shape."""
+_SLOW, _FREE = 1e-3, 1e-10
+"""A point that moves by less than this part of the longest way may have rested; and an eigenvalue below this part of
+the others is none."""
 _SURELY = 1e-6
 """A contact this far inside its set, relative to its friction, fixes the translation."""
 
@@ -176,6 +179,50 @@ def choose_translation(frame, command, base, x, force):
         x[i, 0] = base[i, 0] if stays else x[i, 0] + t0
         x[i, 1] = base[i, 1] if stays else x[i, 1] + t1
     return False
+
+
+@entry
+def is_held(frame, command, x, moved):
+    """Determine whether friction determines how a body that turns moves as a whole.
+
+    A point that rests holds the body in both directions, one that slides across its way: along it, its friction does
+    not change. Where a translation or rotation of the body moves all points along their ways, it is free.
+
+    Args:
+        x: displacements, shape (N, 2) [m].
+        moved: the way of each point in a part of a ramp, shape (N, 2) [m].
+
+    Returns:
+        Whether it does.
+    """
+    n = x.shape[0]
+    longest = 0.0
+    size = 0.0
+    for i in range(n):
+        longest = max(longest, math.hypot(moved[i, 0], moved[i, 1]))
+        size = max(size, math.hypot(frame.position[i, 0], frame.position[i, 1]))
+    a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # the matrix [[a, b, c], [b, d, e], [c, e, f]] of what is held
+    for i in range(n):
+        if friction_of(frame, command, i)[2] <= 0.0:
+            continue
+        way = math.hypot(moved[i, 0], moved[i, 1])
+        slides = way > _SLOW * longest
+        for k in range(1 if slides else 2):
+            r0 = -moved[i, 1] / way if slides else 1.0 - k
+            r1 = moved[i, 0] / way if slides else 0.0 + k
+            y0 = (frame.position[i, 0] + x[i, 0]) / size
+            y1 = (frame.position[i, 1] + x[i, 1]) / size
+            turn = r1 * y0 - r0 * y1
+            a += r0 * r0
+            b += r0 * r1
+            c += r0 * turn
+            d += r1 * r1
+            e += r1 * turn
+            f += turn * turn
+    trace = a + d + f
+    minors = (a * d - b * b) + (a * f - c * c) + (d * f - e * e)
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    return minors > _FREE * trace * trace and determinant > _FREE * trace * minors
 
 
 @lean

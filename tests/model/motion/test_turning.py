@@ -314,6 +314,32 @@ def test_a_contact_that_is_pushed_is_unstable():
     assert margins[0] < 0.0 < margins[1]
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize(
+    ("isotropic", "unique"),
+    [([1.0, 0.0, 1.0], False), ([1.0, 0.0, 0.0], False), ([1.0, 0.0, 1.5], True), ([1.0, 0.5, 1.0], True)],
+    ids=["two slide towards each other", "one holds it but not its yaw", "one holds it", "one rests beside them"],
+)
+def test_what_friction_leaves_open_is_not_unique(isotropic, unique, tolerance):
+    scene = build(
+        [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]],
+        {"stiffness": 50.0},
+        joints={"stiffness": 1.0},
+        friction={"isotropic": isotropic},
+        drive={"times": [0.0, 1.0], "actuation": [[0.0, 0.0, 0.0], [0.2, 0.1, 0.3]]},
+        tolerance=tolerance,
+    )
+    assert simulate(scene, 1.0, rate=1.0).unique == unique
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_two_contacts_on_isotropic_friction_are_no_more_unique_than_on_the_line(angle):
+    along = [math.cos(angle), math.sin(angle)]
+    scene = build([[0.0, 0.0], along], {"stiffness": 50.0}, friction={"isotropic": 1.0})
+    crawler = Crawler(scene)
+    assert not crawler.advance([0.2]).unique
+
+
 def test_a_body_that_cannot_be_followed_to_the_tolerance_is_not_taken_to_jump():
     """Friction a thousand times less to one side; at 2.5e-8 no part of some stretches keeps its share of the tolerance."""
     document = json.loads((Path(__file__).parents[1] / "planar_hard_cases.json").read_text())["one_sided_chain"]
