@@ -218,7 +218,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             text = text.replace(of_the_library, ours)
         if "No such command" in text and "Did you mean" not in text:
             text += f" The commands are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
-        print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
+        if text:  # else the command was called alone, and its help is printed
+            print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
         print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
