@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-_FLOAT, _INT, _BYTE = np.float64, np.int64, np.int8
+_FLOAT, _BYTE, _INT, _LONG = np.float64, np.int8, np.int32, np.int64  # long are counters of events and blocks
 
 FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
@@ -54,7 +54,7 @@ CONTACT = np.dtype(
         ("first", _INT),  # its ends of springs are first .. last - 1
         ("last", _INT),
         ("order", _INT),  # position in the order of elimination
-        ("mark", _INT),  # number of the last block that it was in
+        ("mark", _LONG),  # number of the last block that it was in
         ("row", _INT),  # its row in that block
     ],
     align=True,
@@ -207,7 +207,7 @@ RUN = np.dtype(
         ("child", _INT),  # first of the runs that it consists of, -1 for a leaf
         ("whole", _BYTE),  # whether it has as many parts as others, and a spring before it
         ("sleeps", _BYTE),  # whether its contacts are followed as one; those of a part of a sleeping run sleep, too
-        ("mark", _INT),  # number of the block that it was last in
+        ("mark", _LONG),  # number of the block that it was last in
         ("compliance", _FLOAT),  # of all its springs together [m/N]
         ("stretch", _FLOAT),  # velocity that its springs add if the rate of the tension before it is zero [m]
         ("rise", _FLOAT),  # sum of the rates of the forces on its contacts [N]
@@ -242,10 +242,10 @@ RAMP = np.dtype(
         ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
         ("begun", _BYTE),  # whether the tournament holds all events
         ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
-        ("effort", _INT),  # contacts solved so far, counted in every round
-        ("budget", _INT),  # effort beyond which the ramp is completed by one implicit step
+        ("effort", _LONG),  # contacts solved so far, counted in every round
+        ("budget", _LONG),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
-        ("block", _INT),  # number of the present block, increasing
+        ("block", _LONG),  # number of the present block, increasing
         ("rows", _INT),  # number of its rows
         ("anchored", _BYTE),  # whether contacts at rest beside the present block hold it
         ("parted", _BYTE),  # whether the parts of the body are known
