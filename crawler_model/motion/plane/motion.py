@@ -297,7 +297,7 @@ class PlaneMotion:
             if distance > self.tolerance or not self.body.turning.jumps:
                 if not self._falls(before, target, part, velocity, distance):
                     account[OVERSPENT] += distance > self.tolerance  # no part of the ramp keeps the tolerance here
-                    if not is_held(self.frame, target, state.x, state.x - before[0]):
+                    if not is_held(self.frame, state.command, state.x, state.x - before[0]):
                         account[AMBIGUOUS] = 1.0
                 elif self.body.turning.jumps:
                     yield Jump(ramp, float(progress[PLACE]), int(contact), None, float(distance), float(loss))

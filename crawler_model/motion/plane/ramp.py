@@ -287,7 +287,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     after_this = round_down(frame, min(max(growth, 0.3), 4.0) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     _take(frame, state, target, part, best, after, account)
-                    unique = unique and (frame.vector or is_held(frame, target, after, best))
+                    unique = unique and (frame.vector or is_held(frame, state[2], after, best))
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:

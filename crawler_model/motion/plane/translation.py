@@ -9,7 +9,7 @@ import numpy as np
 from ...compiled import entry, inner, lean
 from ...rounding import CRITICAL, EPS
 from .elastic import pull
-from .frame import friction_of
+from .frame import friction_of, span
 from .friction import gap_of
 
 _CLOSE = 2e-13
@@ -189,7 +189,6 @@ def is_held(frame, command, x, moved):
     not change. Where a translation or rotation of the body moves all points along their ways, it is free.
 
     Args:
-        x: displacements, shape (N, 2) [m].
         moved: the way of each point in a part of a ramp, shape (N, 2) [m].
 
     Returns:
@@ -200,19 +199,19 @@ def is_held(frame, command, x, moved):
     size = 0.0
     for i in range(n):
         longest = max(longest, math.hypot(moved[i, 0], moved[i, 1]))
-        size = max(size, math.hypot(frame.position[i, 0], frame.position[i, 1]))
-    a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # the matrix [[a, b, c], [b, d, e], [c, e, f]] of what is held
+        y0, y1 = span(frame, x, 0, i)
+        size = max(size, math.hypot(y0, y1))
+    a = b = c = d = e = f = 0.0  # of the matrix [[a, b, c], [b, d, e], [c, e, f]], by which the points hold the body
     for i in range(n):
         if friction_of(frame, command, i)[2] <= 0.0:
             continue
+        y0, y1 = span(frame, x, 0, i)
         way = math.hypot(moved[i, 0], moved[i, 1])
         slides = way > _SLOW * longest
         for k in range(1 if slides else 2):
-            r0 = -moved[i, 1] / way if slides else 1.0 - k
-            r1 = moved[i, 0] / way if slides else 0.0 + k
-            y0 = (frame.position[i, 0] + x[i, 0]) / size
-            y1 = (frame.position[i, 1] + x[i, 1]) / size
-            turn = r1 * y0 - r0 * y1
+            r0 = -moved[i, 1] / way if slides else 1.0 - k  # a direction in which it is held
+            r1 = moved[i, 0] / way if slides else 1.0 * k
+            turn = (r1 * y0 - r0 * y1) / size
             a += r0 * r0
             b += r0 * r1
             c += r0 * turn

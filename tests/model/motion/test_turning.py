@@ -322,7 +322,7 @@ def test_a_contact_that_is_pushed_is_unstable():
 )
 def test_what_friction_leaves_open_is_not_unique(isotropic, unique, tolerance):
     scene = build(
-        [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]],
+        [[1e6, 0.0], [1e6 + 1.0, 0.25], [1e6 + 2.0, 0.0]],
         {"stiffness": 50.0},
         joints={"stiffness": 1.0},
         friction={"isotropic": isotropic},
