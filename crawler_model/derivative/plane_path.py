@@ -237,16 +237,23 @@ class PlanePath:
             return
         delays = np.array([self._slope(way, now.command, now.x)[reached] for way in self._ways()]) / closing[reached]
         apart = np.asarray(np.ptp(delays, axis=1) > _SAME * np.abs(delays).max(axis=1))
+        if place > _SHORT_OF:  # at the end of the ramp, where displacements are asked for: whether it has moved yet
+            apart |= delays.any(axis=1)
         self._note(apart, place, np.nonzero(reached)[0])
         self._place += last.velocity[:, :, None] * delays[:, 0]
 
     def _find_holds(self, now: _Part, place: float, unique: bool) -> None:
-        """Find points that rest at the boundary of their sets, and whether friction alone decides the translation."""
-        state = self._state
+        """Find points that rest at the boundary of their sets, and whether friction alone decides the translation.
+
+        At the end of a ramp these are also points whose force has only just come there: they may move yet, or not.
+        """
+        state, zero = self._state, self._zero[:, None]
         stays = np.hypot(*(state.force - now.force).T) <= self._zero  # it may have crossed to another side of its set
-        bound = np.maximum(now.gap, self._gaps(self._motion.frame, state.command, state.x)) <= self._zero[:, None]
-        holds = bound & (~now.slides & stays & self._rough)[:, None]
-        if now.length >= _LONG and holds.any():
+        rests = (now.length >= _LONG) & (now.gap <= zero) & stays[:, None]
+        comes = (place == 1.0) & (now.gap > zero)
+        bound = self._gaps(self._motion.frame, state.command, state.x) <= zero
+        holds = bound & (rests | comes) & (~now.slides & self._rough)[:, None]
+        if holds.any():
             rates = np.array([self._slope(way, state.command, state.x)[holds] for way in self._ways()])
             self._note(np.asarray(rates.any(axis=1)), place, np.flatnonzero(holds.any(axis=1)))
         if not unique:

@@ -493,6 +493,14 @@ def test_a_derivative_that_is_none_has_no_large_error() -> None:
     assert found.tolerance < 1e-3
 
 
+@pytest.mark.parametrize(("rate", "differentiable"), [(20.0, True), (50.0, False), (99.0, True), (100.0, False)])
+def test_a_start_at_the_end_of_a_tick_in_the_plane_is_a_kink(rate: float, differentiable: bool) -> None:
+    """A contact of the scissors starts at 0.02 s, where some rates have a tick."""
+    found = sensitivities(load_scene("scissors"), ["friction.left[1]"], 0.2, rate)
+    assert found.differentiable == differentiable
+    assert [kink.time for kink in found.kinks] == pytest.approx([] if differentiable else [0.02])
+
+
 def test_errors_are_estimated_however_small_the_tolerance() -> None:
     document = load_scene("steering_inchworm").document() | {"tolerance": 1e-9}
     found = sensitivities(Scene.model_validate(document), ["body.links.stiffness"], 1.0, 2.0)
