@@ -1,4 +1,4 @@
-"""The choice of the translation in the plane when all contacts slide: the one nearest to rest."""
+"""Whether friction determines the translation in the plane, or how a body that turns moves, and the choice if not."""
 
 from __future__ import annotations
 
