@@ -179,15 +179,15 @@ class PlanePath:
                     raise CommandError(f"sensitivities: before {until:g} s no equilibrium is found")
             length = progress[PLACE] - place
             part = 1.0 if progress[PLACE] == 1.0 else length / (1.0 - place)
+            if last is not None and length < _CROSSING and part < 1.0:
+                self._d_command = self._d_command + part * (d_target - self._d_command)
+                continue
             moved, rate = state.x - x, np.empty_like(self._place)
             way = np.hypot(*moved.T)
             slides = way > self._rests
             if last is not None and length < _SHORT:
                 expected = np.hypot(*last.velocity.T) * (length / last.length)
                 slides |= (way > _SHORT * expected) & last.slides
-            if last is not None and length < _CROSSING and part < 1.0:
-                self._d_command = self._d_command + part * (d_target - self._d_command)
-                continue
             now = _Part(length, x, command, force, gap, moved, slides, np.empty_like(x), np.empty_like(x), rate)
             if last is not None:
                 self._finish_stops(last, now)
