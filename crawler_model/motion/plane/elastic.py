@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import compiled, inner, lean
-from .frame import load_of, span, unwind
+from .frame import load_of, norm, span, unwind
 
 _POINT = 1e-9
 """A link that is shorter than this part of its reference length has no direction."""
@@ -22,7 +22,7 @@ def stretch_link(frame, command, x, s):
         components [1].
     """
     e0, e1 = span(frame, x, frame.ends[s, 0], frame.ends[s, 1])
-    length = math.hypot(e0, e1)
+    length = norm(e0, e1)
     if length <= _POINT * frame.rest[s]:
         return np.inf, length, e0, e1
     return frame.stiffness[s] * (length - (frame.rest[s] + command[s])), length, e0 / length, e1 / length
@@ -85,13 +85,13 @@ def pull(frame, command, x, force, size):
 
     Args:
         force: output, shape (N, 2) [N].
-        size: output: magnitude of the terms that are summed, shape (N,) [N].
+        size: output: magnitude of the terms that are summed, shape (N,) [N]. Of a body that turns it does not depend on
+            the view, as it decides when a search ends.
     """
     for i in range(x.shape[0]):
-        size[i] = 0.0
         for c in range(2):
             force[i, c] = load_of(frame, command, i, c)
-            size[i] += abs(force[i, c])
+        size[i] = norm(force[i, 0], force[i, 1])
     slope = np.empty(6)
     for s in range(frame.ends.shape[0]):
         a, b = frame.ends[s]
@@ -118,7 +118,7 @@ def pull(frame, command, x, force, size):
             force[i, 0] -= torque * slope[2 * k]
             force[i, 1] -= torque * slope[2 * k + 1]
             large = frame.stiffness[frame.ends.shape[0] + j] * (1.0 + abs(angle))
-            size[i] += large * (abs(slope[2 * k]) + abs(slope[2 * k + 1]))
+            size[i] += large * norm(slope[2 * k], slope[2 * k + 1])
 
 
 @inner

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ...compiled import lean
+from .frame import norm
 
 
 @lean
@@ -20,7 +21,7 @@ def farthest(a, n):
     """
     most = 0.0
     for i in range(n):
-        most = max(most, math.hypot(a[i, 0], a[i, 1]))
+        most = max(most, norm(a[i, 0], a[i, 1]))
     return most
 
 
@@ -68,7 +69,7 @@ def find_stop(velocity, part, total, last, pieces, negligible):
     first = 1.0
     others = 1.0 - 1.0 / pieces
     for i in range(last.shape[0]):
-        size = math.hypot(total[i, 0], total[i, 1])
+        size = norm(total[i, 0], total[i, 1])
         if size == 0.0:
             continue
         start = part * (velocity[i, 0] * total[i, 0] + velocity[i, 1] * total[i, 1]) / size

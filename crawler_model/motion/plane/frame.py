@@ -14,7 +14,7 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.turning import measure_shape
-from ...compiled import lean
+from ...compiled import inlined, lean
 
 
 class Frame(NamedTuple):
@@ -101,6 +101,12 @@ def _order(pairs: np.ndarray, n: int) -> np.ndarray:
 
     graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     return reverse_cuthill_mckee(csr_array(graph + graph.T), symmetric_mode=True).astype(np.int64)
+
+
+@inlined
+def norm(a, b):
+    """Compute the Euclidean norm of a vector; `math.hypot` is slower, and differs where kernels are interpreted."""
+    return math.sqrt(a * a + b * b)
 
 
 @lean

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...compiled import compiled, lean
 from ...rounding import EPS
-from .frame import friction_of, span
+from .frame import friction_of, norm, span
 from .polygon import gap_in, linearise_polygon, work_against
 
 _CLOSE = 32.0 * EPS
@@ -70,7 +70,8 @@ def resistance(frame, command, x, i, v0, v1):
     along = command[at] if w0 >= 0.0 else command[at + 1]
     across = command[at + 2] if w1 >= 0.0 else command[at + 3]
     if frame.along_velocity:
-        return (along * w0 * w0 + across * w1 * w1) / math.hypot(w0, w1)
+        way = norm(w0, w1)
+        return (along * w0 * w0 + across * w1 * w1) / way if way > 0.0 else 0.0
     return math.sqrt((along * w0) ** 2 + (across * w1) ** 2)
 
 
@@ -191,7 +192,7 @@ def linearise(frame, command, x, base, force, size, rows):
         n1 = z1 / length
         row[0] = u0 - n0
         row[1] = u1 - n1
-        rounding += _CLOSE * max(r0, r1) * (abs(x[i, 0]) + abs(x[i, 1])) / length
+        rounding += _CLOSE * max(r0, r1) * norm(x[i, 0], x[i, 1]) / length
         miss = math.sqrt(row[0] * row[0] + row[1] * row[1])
         worst = max(worst, miss / rounding)
         largest = max(largest, miss)

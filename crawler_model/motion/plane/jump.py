@@ -6,14 +6,12 @@ short. Where the path leads depends on these springs: the end is one selection a
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ...compiled import compiled, inner, lean
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
-from .frame import assign, friction_of, load_of, unwind, yaw_of
+from .frame import assign, friction_of, load_of, norm, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, resistance
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
@@ -66,7 +64,7 @@ def _measure_step(frame, command, base, x):
     for i in range(x.shape[0]):
         v0 = x[i, 0] - base[i, 0]
         v1 = x[i, 1] - base[i, 1]
-        longest = max(longest, math.hypot(v0, v1))
+        longest = max(longest, norm(v0, v1))
         friction += resistance(frame, command, x, i, v0, v1)
         loads += load_of(frame, command, i, 0) * v0 + load_of(frame, command, i, 1) * v1
     return longest, friction, loads
@@ -152,7 +150,7 @@ def jump(frame, state, target, part, moved, account):
     farthest = 0
     distance = 0.0
     for i in range(n):
-        move = math.hypot(start[i, 0] - x[i, 0], start[i, 1] - x[i, 1])
+        move = norm(start[i, 0] - x[i, 0], start[i, 1] - x[i, 1])
         if move > distance:
             farthest = i
             distance = move

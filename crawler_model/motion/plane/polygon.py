@@ -6,12 +6,10 @@ the polygon nearest to s + r w, for any r > 0.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ...compiled import lean
-from .frame import friction_of
+from .frame import friction_of, norm
 
 ON = 1e-11
 """A force this close to an edge, relative to the friction of the point, is on it."""
@@ -163,7 +161,7 @@ def linearise_polygon(frame, command, point, force, moved, limits, row):
     if face == INSIDE:
         row[0] = -r * moved[0] / most
         row[1] = -r * moved[1] / most
-        return math.hypot(row[0], row[1])
+        return norm(row[0], row[1])
     row[0] = (force[0] - p0) / most
     row[1] = (force[1] - p1) / most
     d0 = d1 = 1.0
@@ -176,4 +174,4 @@ def linearise_polygon(frame, command, point, force, moved, limits, row):
     row[2] = d0 * d0 / most
     row[5] = d1 * d1 / most
     row[12] = 1.0
-    return math.hypot(row[0], row[1])
+    return norm(row[0], row[1])

@@ -23,7 +23,7 @@ from ..state import (
 from .elastic import energy_of, pull
 from .ends import find_end, round_down, snap
 from .equal_steps import farthest
-from .frame import columns_of, friction_of, load_of, unwind, yaw_of
+from .frame import columns_of, friction_of, load_of, norm, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
@@ -119,7 +119,7 @@ def glance(frame, way, negligible, velocity, force):
         for i in range(n):
             velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
             velocity[i, 1] = (moved[i, 1] - x[i, 1]) / part
-            speed = math.hypot(velocity[i, 0], velocity[i, 1])
+            speed = norm(velocity[i, 0], velocity[i, 1])
             gap = gap_of(frame, command, x, i, force)
             if frame.directions.shape[0] > 0 and gap < np.inf:
                 first = min(first, part * time_to_edge(frame, command, now, i, force, after))
@@ -168,7 +168,7 @@ def _settle(frame, state, target, part, best, after, limits):
             best[n + 1, 0] += load_of(frame, now, i, c) * (after[i, c] - base[i, c])
         best[i, 0] = after[i, 0] - x[i, 0]
         best[i, 1] = after[i, 1] - x[i, 1]
-        shift = max(shift, math.hypot(after[i, 0] - base[i, 0], after[i, 1] - base[i, 1]))
+        shift = max(shift, norm(after[i, 0] - base[i, 0], after[i, 1] - base[i, 1]))
     stored = energy_of(frame, command, x)
     gained = energy_of(frame, now, after) - stored
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
@@ -219,7 +219,7 @@ def _take(frame, state, target, part, best, after, account):
     for i in range(n):
         gap = gap_of(frame, command, x, i, force)
         near += max(gap, 0.0) if gap < np.inf else 0.0
-        strength = math.hypot(force[i, 0], force[i, 1])
+        strength = norm(force[i, 0], force[i, 1])
         account[VIOLATION] = max(account[VIOLATION], -gap if gap < np.inf else strength)
         lost = resistance(frame, command, x, i, best[i, 0], best[i, 1])
         lost -= force[i, 0] * best[i, 0] + force[i, 1] * best[i, 1]

@@ -15,7 +15,7 @@ import numpy as np
 from ...compiled import inner, lean
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
-from .frame import friction_of
+from .frame import friction_of, norm
 from .friction import axis_of
 
 UNSTABLE = -1e-7
@@ -38,7 +38,7 @@ def _list_axes(frame, command, moved, freedom, owner, axis, first):
     count = 0
     for i in frame.order:
         _, _, most = friction_of(frame, command, i)
-        size = math.hypot(moved[i, 0], moved[i, 1])
+        size = norm(moved[i, 0], moved[i, 1])
         first[i, 0] = count
         if most == 0.0 or (size > 0.0 and freedom > 1.0):
             for c in range(2):

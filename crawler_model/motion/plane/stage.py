@@ -5,15 +5,13 @@ Solved by a semismooth Newton method. Points that stick are where they were, to 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ...compiled import inner, lean
 from ...rounding import CRITICAL
 from .band import solve_band
 from .elastic import pull, stiffen_joint, stiffen_link
-from .frame import assign, friction_of, load_of
+from .frame import assign, friction_of, load_of, norm
 from .friction import axis_of, linearise
 
 _MOST_STEPS = 40
@@ -174,7 +172,7 @@ def _shorten(frame, step):
         return 1.0
     longest = 0.0
     for i in range(step.shape[0]):
-        longest = max(longest, math.hypot(step[i, 0], step[i, 1]))
+        longest = max(longest, norm(step[i, 0], step[i, 1]))
     least = np.inf
     for s in range(frame.ends.shape[0]):
         least = min(least, frame.rest[s])
@@ -188,7 +186,7 @@ def _hold(frame, eta, anchor, x, force, size):
         for i in range(x.shape[0]):
             for c in range(2):
                 force[i, c] -= eta * frame.grip[i] * (x[i, c] - anchor[i, c])
-                size[i] += eta * frame.grip[i] * abs(x[i, c])
+            size[i] += eta * frame.grip[i] * norm(x[i, 0], x[i, 1])
 
 
 @inner
@@ -288,7 +286,7 @@ def _can_hold(frame, command):
             along += command[friction_of(frame, command, i)[0] + k]
         if total0 * frame.directions[k, 0] + total1 * frame.directions[k, 1] > along:
             return False
-    return frame.directions.shape[0] > 0 or math.hypot(total0, total1) <= held
+    return frame.directions.shape[0] > 0 or norm(total0, total1) <= held
 
 
 @inner

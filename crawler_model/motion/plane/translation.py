@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ...compiled import entry, inner, lean
 from ...rounding import CRITICAL, EPS
 from .elastic import pull
-from .frame import friction_of, span
+from .frame import friction_of, norm, span
 from .friction import gap_of
 
 _CLOSE = 2e-13
@@ -39,7 +37,7 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
         start = count
         single = False
         if m == 0:
-            strength = math.hypot(force[i, 0], force[i, 1])
+            strength = norm(force[i, 0], force[i, 1])
             if most <= 0.0:
                 continue
             if strength < most - close:
@@ -127,7 +125,7 @@ def choose_translation(frame, command, base, x, force):
     goal0 = 0.0
     goal1 = 0.0
     for i in range(n):
-        longest = max(longest, math.hypot(velocity[i, 0], velocity[i, 1]))
+        longest = max(longest, norm(velocity[i, 0], velocity[i, 1]))
         goal0 -= velocity[i, 0] / n
         goal1 -= velocity[i, 1] / n
         near = max(near, CRITICAL * longest + 4.0 * EPS * (abs(x[i, 0]) + abs(x[i, 1])))
@@ -175,7 +173,7 @@ def choose_translation(frame, command, base, x, force):
         t0 = goal0
         t1 = goal1
     for i in range(n):
-        stays = math.hypot(velocity[i, 0] + t0, velocity[i, 1] + t1) <= near
+        stays = norm(velocity[i, 0] + t0, velocity[i, 1] + t1) <= near
         x[i, 0] = base[i, 0] if stays else x[i, 0] + t0
         x[i, 1] = base[i, 1] if stays else x[i, 1] + t1
     return False
@@ -198,15 +196,15 @@ def is_held(frame, command, x, moved):
     longest = 0.0
     size = 0.0
     for i in range(n):
-        longest = max(longest, math.hypot(moved[i, 0], moved[i, 1]))
+        longest = max(longest, norm(moved[i, 0], moved[i, 1]))
         y0, y1 = span(frame, x, 0, i)
-        size = max(size, math.hypot(y0, y1))
+        size = max(size, norm(y0, y1))
     a = b = c = d = e = f = 0.0  # of the matrix [[a, b, c], [b, d, e], [c, e, f]], by which the points hold the body
     for i in range(n):
         if friction_of(frame, command, i)[2] <= 0.0:
             continue
         y0, y1 = span(frame, x, 0, i)
-        way = math.hypot(moved[i, 0], moved[i, 1])
+        way = norm(moved[i, 0], moved[i, 1])
         slides = way > _SLOW * longest
         for k in range(1 if slides else 2):
             r0 = -moved[i, 1] / way if slides else 1.0 - k  # a direction in which it is held
@@ -240,7 +238,7 @@ def stay(base, guess, x):
     rests = 0
     longest = 0.0
     for i in range(x.shape[0]):
-        longest = max(longest, math.hypot(guess[i, 0], guess[i, 1]))
+        longest = max(longest, norm(guess[i, 0], guess[i, 1]))
         if guess[i, 0] == 0.0 and guess[i, 1] == 0.0:
             rests = i
     shift0 = guess[rests, 0] - (x[rests, 0] - base[rests, 0])
@@ -248,7 +246,7 @@ def stay(base, guess, x):
     for i in range(x.shape[0]):
         left0 = guess[i, 0] - (x[i, 0] - base[i, 0]) - shift0
         left1 = guess[i, 1] - (x[i, 1] - base[i, 1]) - shift1
-        if math.hypot(left0, left1) > _SAME_SHAPE * longest:
+        if norm(left0, left1) > _SAME_SHAPE * longest:
             return False
     for i in range(x.shape[0]):
         x[i, 0] += shift0

@@ -14,7 +14,7 @@ from ...compiled import inner, lean
 from ...rounding import EPS
 from .elastic import pull, stretch
 from .equal_steps import extrapolate_number, farthest, find_stop
-from .frame import friction_of, load_of
+from .frame import friction_of, load_of, norm
 from .friction import gap_of, load_part, resistance
 from .polygon import ON
 from .stage import solve_stage
@@ -114,7 +114,7 @@ def walk(frame, way, parts, step, total, slid):
         for i in range(n):
             step[i, 0] = x[i, 0] - base[i, 0]
             step[i, 1] = x[i, 1] - base[i, 1]
-            size = math.hypot(step[i, 0], step[i, 1])
+            size = norm(step[i, 0], step[i, 1])
             if size > 0.0:
                 slid[i, 0] += 1.0
                 slid[i, 1] = max(slid[i, 1], size)
@@ -146,8 +146,8 @@ def _foresee(frame, way, moved, expected, force, negligible):
     started = 0.0
     stops = False
     for i in range(start.shape[0]):
-        moves = math.hypot(moved[i, 0], moved[i, 1])
-        hopes = math.hypot(expected[i, 0], expected[i, 1])
+        moves = norm(moved[i, 0], moved[i, 1])
+        hopes = norm(expected[i, 0], expected[i, 1])
         if max(moves, hopes) <= negligible:
             continue
         gap = gap_of(frame, command, start, i, force)
@@ -192,7 +192,7 @@ def _find_crossing(frame, way, part, moved, force, negligible):
     first = 1.0
     for i in range(n):
         at, _, most = friction_of(frame, command, i)
-        if most == 0.0 or math.hypot(moved[i, 0], moved[i, 1]) <= negligible:
+        if most == 0.0 or norm(moved[i, 0], moved[i, 1]) <= negligible:
             continue
         before = load_part(frame, command, start, i, force[i, 0], force[i, 1])
         later = load_part(frame, now, x, i, after[i, 0], after[i, 1])
@@ -207,7 +207,7 @@ def _find_crossing(frame, way, part, moved, force, negligible):
 def _same_points(one, slid, pieces, negligible):
     """Return whether the same points slide in all steps of a walk as in a single step, but for negligible moves."""
     for i in range(slid.shape[0]):
-        moves = math.hypot(one[i, 0], one[i, 1])
+        moves = norm(one[i, 0], one[i, 1])
         if slid[i, 0] != (pieces if moves > 0.0 else 0.0) and max(slid[i, 1], moves) > negligible:
             return False
     return True
@@ -226,7 +226,7 @@ def _extrapolate(table, newest, pieces, n, per_force):
         for c in range(2):
             value, before = extrapolate_number(table, 2 * i + c, newest[i, c], pieces)
             newest[i, c] = value
-            change = math.hypot(change, value - before)
+            change = norm(change, value - before)
         if i <= n:
             error = max(error, change if i < n else change * per_force)
     return error
@@ -266,7 +266,7 @@ def _missed(frame, way, moved, force, negligible):
         v1 = moved[i, 1]
         if v0 == 0.0 and v1 == 0.0:
             continue
-        speed = math.hypot(v0, v1)
+        speed = norm(v0, v1)
         most = friction_of(frame, command, i)[2]
         band = max(ON * most, frame.grip[i] * negligible)
         along = force[i, 0] * v0 + force[i, 1] * v1
@@ -274,7 +274,7 @@ def _missed(frame, way, moved, force, negligible):
             gap = resistance(frame, command, start, i, v0, v1) - along
             energy += gap if gap > band * speed + _blur(start, i, most) else 0.0
             continue
-        strength = math.hypot(force[i, 0], force[i, 1])
+        strength = norm(force[i, 0], force[i, 1])
         gap = most - strength
         energy += gap * speed if gap > band else 0.0
         if along > 0.0:  # |f| |v| - f . v, without cancellation
