@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
@@ -58,27 +59,32 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
 
-def key(meaning: str, unit: str = "", **bounds: float) -> Any:
+def key(meaning: str, unit: str = "", *, default: Any = ..., alias: str | None = None, **bounds: float) -> Any:
     """Describe a key for the schema and docs/reference/scenes.md.
 
     Args:
         meaning: one sentence.
         unit: unit of its values.
+        default: what holds if a file omits the key; it must not without one.
+        alias: the key in files, if it is not the name of the field.
         **bounds: bounds, named as in JSON schema [`unit`].
 
     Returns:
         The field.
     """
-    return Field(description=meaning, json_schema_extra={**({"unit": unit} if unit else {}), **bounds})
+    extra: dict[str, Any] = {**({"unit": unit} if unit else {}), **bounds}
+    return Field(default, alias=alias, description=meaning, json_schema_extra=extra)
+
+
+optional = functools.partial(key, default=None)
+"""Describe a key that files may omit."""
 
 
 class TablePart(Part):
     """A value along a segment: linear between positions, constant beyond them."""
 
-    at: Annotated[tuple[Number, ...], key("Positions along the body, strictly increasing.", "m")]
-    value: Annotated[
-        tuple[Number, ...], key("The value at each position, in the unit of the key that holds the table.")
-    ]
+    at: tuple[Number, ...] = key("Positions along the body, strictly increasing.", "m")
+    value: tuple[Number, ...] = key("The value at each position, in the unit of the key that holds the table.")
 
     @model_validator(mode="after")
     def _fits(self) -> TablePart:
@@ -147,32 +153,24 @@ class _Friction(Part):
 class CoefficientPart(_Friction):
     """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
 
-    forward: Annotated[Numbers | None, key("Against sliding towards +x: one number, or one each.", "1", minimum=0)] = (
-        None
+    forward: Numbers | None = optional("Against sliding towards +x: one number, or one each.", "1", minimum=0)
+    backward: Numbers | None = optional("Against sliding towards -x, likewise.", "1", minimum=0)
+    isotropic: Numbers | None = optional(
+        "The same in both directions; in the plane in every direction.", "1", minimum=0
     )
-    backward: Annotated[Numbers | None, key("Against sliding towards -x, likewise.", "1", minimum=0)] = None
-    isotropic: Annotated[
-        Numbers | None, key("The same in both directions; in the plane in every direction.", "1", minimum=0)
-    ] = None
-    left: Annotated[Numbers | None, key("With `springs: length`: against sliding to the left.", "1", minimum=0)] = None
-    right: Annotated[Numbers | None, key("Likewise, to the right.", "1", minimum=0)] = None
-    directions: Annotated[
-        tuple[Number, ...] | None, key("In the plane: angles, as for friction given as forces.", "rad")
-    ] = None
-    value: Annotated[
-        Table | None, key("Coefficient in each direction: one row, or one per contact.", "1", minimum=0)
-    ] = None
+    left: Numbers | None = optional("With `springs: length`: against sliding to the left.", "1", minimum=0)
+    right: Numbers | None = optional("Likewise, to the right.", "1", minimum=0)
+    directions: tuple[Number, ...] | None = optional("In the plane: angles, as for friction given as forces.", "rad")
+    value: Table | None = optional("Coefficient in each direction: one row, or one per contact.", "1", minimum=0)
 
 
 class SegmentFrictionPart(_Friction):
     """Friction of a segment per length, N/m: forward and backward, or isotropic, or as coefficients."""
 
-    forward: Annotated[Number | TablePart | None, key("Against sliding towards +x.", "N/m", minimum=0)] = None
-    backward: Annotated[Number | TablePart | None, key("Against sliding towards -x.", "N/m", minimum=0)] = None
-    isotropic: Annotated[Number | TablePart | None, key("The same in both directions.", "N/m", minimum=0)] = None
-    coefficient: Annotated[
-        CoefficientPart | None, key("Instead of forces: coefficients, of the weight of the segment.")
-    ] = None
+    forward: Number | TablePart | None = optional("Against sliding towards +x.", "N/m", minimum=0)
+    backward: Number | TablePart | None = optional("Against sliding towards -x.", "N/m", minimum=0)
+    isotropic: Number | TablePart | None = optional("The same in both directions.", "N/m", minimum=0)
+    coefficient: CoefficientPart | None = optional("Instead of forces: coefficients, of the weight of the segment.")
 
     @model_validator(mode="after")
     def _on_a_line(self) -> SegmentFrictionPart:
@@ -186,63 +184,41 @@ class SegmentFrictionPart(_Friction):
 class FrictionPart(_Friction):
     """Friction of the isolated contacts, N: forward and backward, isotropic, or in the plane by directions."""
 
-    forward: Annotated[
-        Numbers | None, key("Against sliding towards +x: one number, or one per contact.", "N", minimum=0)
-    ] = None
-    backward: Annotated[
-        Numbers | None, key("Against sliding towards -x: one number, or one per contact.", "N", minimum=0)
-    ] = None
-    isotropic: Annotated[
-        Numbers | None, key("The same in both directions; in the plane in every direction.", "N", minimum=0)
-    ] = None
-    left: Annotated[
-        Numbers | None,
-        key(
-            "With `springs: length`: against sliding to the left of the frame of the point; `forward` and `backward` "
-            "are along it. One number, or one per point; 0 in all four directions for a point without friction.",
-            "N",
-            minimum=0,
-        ),
-    ] = None
-    right: Annotated[Numbers | None, key("Likewise, to the right of the frame.", "N", minimum=0)] = None
-    frame: Annotated[
-        tuple[tuple[int, int], ...] | None,
-        key(
-            "With `springs: length`: for each point the two points of a link whose direction is its forward direction. "
-            "Default: its first link."
-        ),
-    ] = None
-    angle: Annotated[
-        Numbers | None,
-        key(
-            "With `springs: length`: angle from the direction of the frame to forward, to the left positive: one "
-            "number, or one per point. Default: 0.",
-            "rad",
-        ),
-    ] = None
-    law: Annotated[
-        Literal["most_dissipative", "along_velocity"] | None,
-        key(
-            "With `springs: length`: the force of a sliding point: that which dissipates the most (default), or that "
-            "along its velocity, each part times its own friction."
-        ),
-    ] = None
-    directions: Annotated[
-        tuple[Number, ...] | None,
-        key("In the plane: at least three angles, increasing within one turn, less than half a turn apart.", "rad"),
-    ] = None
-    value: Annotated[
-        Table | None,
-        key(
-            "Friction against sliding in each direction, linear between them and convex: one row, or one per contact.",
-            "N",
-            minimum=0,
-        ),
-    ] = None
+    forward: Numbers | None = optional("Against sliding towards +x: one number, or one per contact.", "N", minimum=0)
+    backward: Numbers | None = optional("Against sliding towards -x: one number, or one per contact.", "N", minimum=0)
+    isotropic: Numbers | None = optional(
+        "The same in both directions; in the plane in every direction.", "N", minimum=0
+    )
+    left: Numbers | None = optional(
+        "With `springs: length`: against sliding to the left of the frame of the point; `forward` and `backward` are "
+        "along it. One number, or one per point; 0 in all four directions for a point without friction.",
+        "N",
+        minimum=0,
+    )
+    right: Numbers | None = optional("Likewise, to the right of the frame.", "N", minimum=0)
+    frame: tuple[tuple[int, int], ...] | None = optional(
+        "With `springs: length`: for each point the two points of a link whose direction is its forward direction. "
+        "Default: its first link."
+    )
+    angle: Numbers | None = optional(
+        "With `springs: length`: angle from the direction of the frame to forward, to the left positive: one number, "
+        "or one per point. Default: 0.",
+        "rad",
+    )
+    law: Literal["most_dissipative", "along_velocity"] | None = optional(
+        "With `springs: length`: the force of a sliding point: that which dissipates the most (default), or that along "
+        "its velocity, each part times its own friction."
+    )
+    directions: tuple[Number, ...] | None = optional(
+        "In the plane: at least three angles, increasing within one turn, less than half a turn apart.", "rad"
+    )
+    value: Table | None = optional(
+        "Friction against sliding in each direction, linear between them and convex: one row, or one per contact.",
+        "N",
+        minimum=0,
+    )
 
-    coefficient: Annotated[
-        CoefficientPart | None, key("Instead of forces: coefficients, of the weights of the contacts.")
-    ] = None
+    coefficient: CoefficientPart | None = optional("Instead of forces: coefficients, of the weights of the contacts.")
 
     @property
     def given(self) -> FrictionPart | CoefficientPart:
@@ -253,21 +229,16 @@ class FrictionPart(_Friction):
 class FrictionRowsPart(_Friction):
     """Commanded friction, a row per time: forward and backward, or isotropic."""
 
-    forward: Annotated[
-        Table | None,
-        key(
-            "Against sliding towards +x: a row per time, a column per isolated contact (N), then per segment (N/m); "
-            "or one number for all.",
-            "N, N/m",
-            minimum=0,
-        ),
-    ] = None
-    backward: Annotated[Table | None, key("Against sliding towards -x, likewise.", "N, N/m", minimum=0)] = None
-    left: Annotated[
-        Table | None, key("With `springs: length`: against sliding to the left, likewise.", "N", minimum=0)
-    ] = None
-    right: Annotated[Table | None, key("Likewise, to the right.", "N", minimum=0)] = None
-    isotropic: Annotated[Table | None, key("The same in both directions, likewise.", "N, N/m", minimum=0)] = None
+    forward: Table | None = optional(
+        "Against sliding towards +x: a row per time, a column per isolated contact (N), then per segment (N/m); or one "
+        "number for all.",
+        "N, N/m",
+        minimum=0,
+    )
+    backward: Table | None = optional("Against sliding towards -x, likewise.", "N, N/m", minimum=0)
+    left: Table | None = optional("With `springs: length`: against sliding to the left, likewise.", "N", minimum=0)
+    right: Table | None = optional("Likewise, to the right.", "N", minimum=0)
+    isotropic: Table | None = optional("The same in both directions, likewise.", "N, N/m", minimum=0)
 
 
 def field_of(part: float | TablePart) -> Callable[[np.ndarray], np.ndarray]:

@@ -5,19 +5,18 @@ from __future__ import annotations
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from .friction_parts import Number, Numbers, Part, SegmentFrictionPart, TablePart, explain_friction, key
+from .friction_parts import Number, Numbers, Part, SegmentFrictionPart, TablePart, explain_friction, key, optional
 
 
 class CurvePart(Part):
     """A tension that was measured: straight between the knots, and on beyond them with the slopes of both ends."""
 
-    elongation: Annotated[
-        tuple[Number, ...],
-        key("The knots, at least two, strictly increasing; along segments strains.", "m, 1"),
-    ]
-    tension: Annotated[tuple[Number, ...], key("The tension at each knot; it must not decrease.", "N")]
+    elongation: tuple[Number, ...] = key(
+        "The knots, at least two, strictly increasing; along segments strains.", "m, 1"
+    )
+    tension: tuple[Number, ...] = key("The tension at each knot; it must not decrease.", "N")
 
     @model_validator(mode="after")
     def _rises(self) -> CurvePart:
@@ -47,8 +46,8 @@ class CurvePart(Part):
 class TensionPart(Part):
     """The range of tensions that an actuator reaches: below and above it yields."""
 
-    least: Annotated[Number | None, key("Least tension: 0 for a tendon, which goes slack. Default: none.", "N")] = None
-    most: Annotated[Number | None, key("Largest tension, at which a motor stalls. Default: none.", "N")] = None
+    least: Number | None = optional("Least tension: 0 for a tendon, which goes slack. Default: none.", "N")
+    most: Number | None = optional("Largest tension, at which a motor stalls. Default: none.", "N")
 
     @model_validator(mode="after")
     def _in_order(self) -> TensionPart:
@@ -60,16 +59,13 @@ class TensionPart(Part):
 class StopsPart(Part):
     """Mechanical stops: no force between them, a stiff spring beyond."""
 
-    shortest: Annotated[
-        Number | Literal["contact"] | None,
-        key(
-            "Least elongation that is free, of segments a strain; `contact`: where the two contacts of a link touch, "
-            "which needs `body.radius`. Default: none.",
-            "m, 1",
-        ),
-    ] = None
-    longest: Annotated[Number | None, key("Largest elongation that is free. Default: none.", "m, 1")] = None
-    stiffness: Annotated[Number, key("Stiffness of the stops, of segments a modulus.", "N/m, N", exclusiveMinimum=0)]
+    shortest: Number | Literal["contact"] | None = optional(
+        "Least elongation that is free, of segments a strain; `contact`: where the two contacts of a link touch, which "
+        "needs `body.radius`. Default: none.",
+        "m, 1",
+    )
+    longest: Number | None = optional("Largest elongation that is free. Default: none.", "m, 1")
+    stiffness: Number = key("Stiffness of the stops, of segments a modulus.", "N/m, N", exclusiveMinimum=0)
 
     @model_validator(mode="after")
     def _in_order(self) -> StopsPart:
@@ -85,11 +81,9 @@ class StopsPart(Part):
 class PassivePart(Part):
     """A passive spring beside the actuator, over the elongation z itself."""
 
-    stiffness: Annotated[
-        Number | None, key("Stiffness, of segments a modulus; or give a `curve`.", "N/m, N", minimum=0)
-    ] = None
-    curve: Annotated[CurvePart | None, key("Tension over the elongation, instead of `stiffness`.")] = None
-    stops: Annotated[StopsPart | None, key("Mechanical stops, beside a spring or alone.")] = None
+    stiffness: Number | None = optional("Stiffness, of segments a modulus; or give a `curve`.", "N/m, N", minimum=0)
+    curve: CurvePart | None = optional("Tension over the elongation, instead of `stiffness`.")
+    stops: StopsPart | None = optional("Mechanical stops, beside a spring or alone.")
 
     @model_validator(mode="after")
     def _fits(self) -> PassivePart:
@@ -146,46 +140,37 @@ class Bendable(Part):
 class LinksPart(Bendable):
     """The springs between contacts and ends of segments, alike but for their stiffness."""
 
-    stiffness: Annotated[Numbers | None, key("One number, or one per link.", "N/m", exclusiveMinimum=0)] = None
+    stiffness: Numbers | None = optional("One number, or one per link.", "N/m", exclusiveMinimum=0)
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
-    between: Annotated[
-        tuple[tuple[int | str, int | str], ...] | None,
-        key(
-            "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
-            "Default: the chain of neighbours."
-        ),
-    ] = None
+    between: tuple[tuple[int | str, int | str], ...] | None = optional(
+        "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
+        "Default: the chain of neighbours."
+    )
 
 
 class LinkPart(Bendable):
     """One link of a list."""
 
-    stiffness: Annotated[Number | None, key("Stiffness of its actuator.", "N/m", exclusiveMinimum=0)] = None
+    stiffness: Number | None = optional("Stiffness of its actuator.", "N/m", exclusiveMinimum=0)
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
-    between: Annotated[
-        tuple[int | str, int | str] | None,
-        key(
-            "The two ends that it joins, as in `between` of a mapping; given for all links or for none. Default: the "
-            "chain of neighbours."
-        ),
-    ] = None
+    between: tuple[int | str, int | str] | None = optional(
+        "The two ends that it joins, as in `between` of a mapping; given for all links or for none. Default: the chain "
+        "of neighbours."
+    )
 
 
 class JointsPart(Part):
     """The joints of a body in the plane whose springs have lengths: springs of the angles between its links."""
 
-    stiffness: Annotated[Numbers, key("One number, or one per joint.", "N m/rad", exclusiveMinimum=0)]
-    between: Annotated[
-        tuple[tuple[int, int, int], ...] | None,
-        key(
-            "The three points of each joint; its turning angle is that at the second, 0 where they lie on a line, "
-            "positive to the left. Default: all points that follow each other."
-        ),
-    ] = None
+    stiffness: Numbers = key("One number, or one per joint.", "N m/rad", exclusiveMinimum=0)
+    between: tuple[tuple[int, int, int], ...] | None = optional(
+        "The three points of each joint; its turning angle is that at the second, 0 where they lie on a line, positive "
+        "to the left. Default: all points that follow each other."
+    )
 
 
 def _kind_of_links(value: Any) -> str:
@@ -202,33 +187,26 @@ Links = Annotated[
 class SegmentPart(Bendable):
     """An interval of the body that touches the ground along its whole length."""
 
-    name: Annotated[str, key("A unique word; commands and joints use it.")]
-    start: Annotated[Number, key("Start in the reference shape.", "m")] = Field(alias="from")
-    stop: Annotated[Number, key("End in the reference shape, beyond `from`.", "m")] = Field(alias="to")
-    stiffness: Annotated[Number | TablePart | None, key("The modulus along the segment.", "N", exclusiveMinimum=0)] = (
-        None
-    )
+    name: str = key("A unique word; commands and joints use it.")
+    start: Number = key("Start in the reference shape.", "m", alias="from")
+    stop: Number = key("End in the reference shape, beyond `from`.", "m", alias="to")
+    stiffness: Number | TablePart | None = optional("The modulus along the segment.", "N", exclusiveMinimum=0)
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
-    friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction), key("Friction per length of ground.")]
-    accuracy: Annotated[
-        Number | None,
-        key(
-            "Largest error of the net translation per period, relative to the largest commanded change of length; "
-            "it determines the number of elements. Give this or `elements`.",
-            minimum=1e-6,
-            maximum=0.5,
-        ),
-    ] = None
-    elements: Annotated[
-        int | None,
-        key("Number of springs that represent the segment; overrides `accuracy`.", minimum=1, maximum=1_000_000),
-    ] = None
-    shown: Annotated[
-        int | None,
-        key("Number of its contacts in `contact_states`, including both ends. Default: all.", minimum=2),
-    ] = None
+    friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction)] = key("Friction per length of ground.")
+    accuracy: Number | None = optional(
+        "Largest error of the net translation per period, relative to the largest commanded change of length; it "
+        "determines the number of elements. Give this or `elements`.",
+        minimum=1e-6,
+        maximum=0.5,
+    )
+    elements: int | None = optional(
+        "Number of springs that represent the segment; overrides `accuracy`.", minimum=1, maximum=1_000_000
+    )
+    shown: int | None = optional(
+        "Number of its contacts in `contact_states`, including both ends. Default: all.", minimum=2
+    )
 
     @model_validator(mode="after")
     def _sane(self) -> SegmentPart:

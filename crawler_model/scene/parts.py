@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 
 from .friction_parts import (
     Deep,
@@ -16,6 +16,7 @@ from .friction_parts import (
     Table,
     explain_friction,
     key,
+    optional,
 )
 from .link_parts import Bendable, JointsPart, Links, LinksPart, SegmentPart
 
@@ -28,48 +29,35 @@ LEAST_TOLERANCE = 1e-9
 class BodyPart(Part):
     """Contacts, segments and links."""
 
-    contacts: Annotated[
-        tuple[Numbers, ...],
-        key("Reference positions of the isolated contacts: strictly increasing, or [x, y] in the plane.", "m"),
-    ] = ()
-    points: Annotated[
-        tuple[Numbers, ...] | None,
-        key("With `springs: length`, another word for `contacts`: contacts, and points without friction.", "m"),
-    ] = None
-    springs: Annotated[
-        Literal["vector", "length"],
-        key("In the plane: whether a link remembers its direction, or only its length, so that the body can turn."),
-    ] = "vector"
-    segments: Annotated[
-        tuple[SegmentPart, ...], key("Parts that touch the ground along their whole length; they must not overlap.")
-    ] = ()
-    weights: Annotated[
-        Numbers | None,
-        key(
-            "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. "
-            "Slopes and coefficients of friction need it.",
-            "N, N/m",
-            minimum=0,
-        ),
-    ] = None
-    radius: Annotated[
-        Numbers | None,
-        key(
-            "Radius of the isolated contacts: one number for all, or one each. `shortest: contact` needs it.",
-            "m",
-            exclusiveMinimum=0,
-        ),
-    ] = None
-    links: Annotated[
-        Links | None,
-        key(
-            "Springs that join contacts and ends of segments, as a mapping for all or a list with one entry each; "
-            "required for two or more parts."
-        ),
-    ] = None
-    joints: Annotated[
-        JointsPart | None, key("With `springs: length`: springs of the angles at points. Default: none.")
-    ] = None
+    contacts: tuple[Numbers, ...] = key(
+        "Reference positions of the isolated contacts: strictly increasing, or [x, y] in the plane.", "m", default=()
+    )
+    points: tuple[Numbers, ...] | None = optional(
+        "With `springs: length`, another word for `contacts`: contacts, and points without friction.", "m"
+    )
+    springs: Literal["vector", "length"] = key(
+        "In the plane: whether a link remembers its direction, or only its length, so that the body can turn.",
+        default="vector",
+    )
+    segments: tuple[SegmentPart, ...] = key(
+        "Parts that touch the ground along their whole length; they must not overlap.", default=()
+    )
+    weights: Numbers | None = optional(
+        "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. Slopes and "
+        "coefficients of friction need it.",
+        "N, N/m",
+        minimum=0,
+    )
+    radius: Numbers | None = optional(
+        "Radius of the isolated contacts: one number for all, or one each. `shortest: contact` needs it.",
+        "m",
+        exclusiveMinimum=0,
+    )
+    links: Links | None = optional(
+        "Springs that join contacts and ends of segments, as a mapping for all or a list with one entry each; required "
+        "for two or more parts."
+    )
+    joints: JointsPart | None = optional("With `springs: length`: springs of the angles at points. Default: none.")
 
     @model_validator(mode="after")
     def _solid(self) -> BodyPart:
@@ -94,37 +82,27 @@ class BodyPart(Part):
 class StartPart(Part):
     """Displacements of the contacts at the start."""
 
-    displacement: Annotated[
-        Table,
-        key(
-            "Displacements of the isolated contacts, then of both ends of each segment, linear in between; in the "
-            "plane [x, y] each.",
-            "m",
-        ),
-    ]
+    displacement: Table = key(
+        "Displacements of the isolated contacts, then of both ends of each segment, linear in between; in the plane "
+        "[x, y] each.",
+        "m",
+    )
 
 
 class WavePart(Part):
     """A sampled, travelling sine wave."""
 
-    amplitude: Annotated[
-        Number,
-        key(
-            "Amplitude of the lengths of links (m) and of the strain of segments; of a `friction_wave` in N, along "
-            "segments in N/m.",
-            "m, 1; N, N/m",
-        ),
-    ]
-    wavelength: Annotated[
-        Number,
-        key(
-            "Wavelength in the reference shape, not 0; positive for a wave towards +x, negative for one towards -x.",
-            "m",
-        ),
-    ]
-    period: Annotated[Number, key("Period of the wave.", "s", exclusiveMinimum=0)]
-    mean: Annotated[Number, key("Mean value; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m")] = 0.0
-    samples: Annotated[int, key("Waypoints per period, with linear interpolation.", minimum=3, maximum=1_000_000)] = 64
+    amplitude: Number = key(
+        "Amplitude of the lengths of links (m) and of the strain of segments; of a `friction_wave` in N, along "
+        "segments in N/m.",
+        "m, 1; N, N/m",
+    )
+    wavelength: Number = key(
+        "Wavelength in the reference shape, not 0; positive for a wave towards +x, negative for one towards -x.", "m"
+    )
+    period: Number = key("Period of the wave.", "s", exclusiveMinimum=0)
+    mean: Number = key("Mean value; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m", default=0.0)
+    samples: int = key("Waypoints per period, with linear interpolation.", default=64, minimum=3, maximum=1_000_000)
 
     @model_validator(mode="after")
     def _sane(self) -> WavePart:
@@ -140,53 +118,40 @@ class WavePart(Part):
 class DrivePart(Part):
     """Open-loop commands: times, or wave and friction_wave, or strategy."""
 
-    times: Annotated[
-        tuple[Number, ...] | None, key("Times of the waypoints: from 0, strictly increasing; linear in between.", "s")
-    ] = None
-    period: Annotated[
-        Number | None,
-        key(
-            "With `times`: the drive repeats after it; by default it is played once, then held. With a `strategy`: "
-            "default 1 s.",
-            "s",
-            exclusiveMinimum=0,
-        ),
-    ] = None
-    actuation: Annotated[
-        Deep | None,
-        key(
-            "With `times`: a row per time, a column per link (m), then per segment (strain); in the plane [x, y] each, "
-            "with `springs: length` a column per link (m), then per joint (rad).",
-            "m, 1, rad",
-        ),
-    ] = None
-    friction: Annotated[
-        FrictionRowsPart | Number | None,
-        key(
-            "With `times`: commanded friction; default: that of the scene. With a `strategy`: mu, the mean friction of "
-            "both contacts.",
-            "N",
-            minimum=0,
-        ),
-    ] = None
-    loads: Annotated[
-        Deep | None,
-        key(
-            "With `times`: commanded loads along the ground, instead of the scene's: a row per time, a column per "
-            "isolated contact (N), then per segment (N/m); or one number for all. In the plane a row is [x, y] for all "
-            "contacts, or one pair each.",
-            "N, N/m",
-        ),
-    ] = None
-    wave: Annotated[WavePart | None, key("A travelling wave of lengths and strains.")] = None
-    friction_wave: Annotated[
-        WavePart | None,
-        key("A travelling wave of isotropic friction; alone, or together with a `wave` of the same period."),
-    ] = None
-    strategy: Annotated[
-        Literal["A", "B", "C"] | None, key("Two contacts on one link, driven as in the paper's section 5.2.")
-    ] = None
-    length: Annotated[Number | None, key("With a `strategy`: Lmax, the largest actuation.", "m")] = None
+    times: tuple[Number, ...] | None = optional(
+        "Times of the waypoints: from 0, strictly increasing; linear in between.", "s"
+    )
+    period: Number | None = optional(
+        "With `times`: the drive repeats after it; by default it is played once, then held. With a `strategy`: default "
+        "1 s.",
+        "s",
+        exclusiveMinimum=0,
+    )
+    actuation: Deep | None = optional(
+        "With `times`: a row per time, a column per link (m), then per segment (strain); in the plane [x, y] each, "
+        "with `springs: length` a column per link (m), then per joint (rad).",
+        "m, 1, rad",
+    )
+    friction: FrictionRowsPart | Number | None = optional(
+        "With `times`: commanded friction; default: that of the scene. With a `strategy`: mu, the mean friction of "
+        "both contacts.",
+        "N",
+        minimum=0,
+    )
+    loads: Deep | None = optional(
+        "With `times`: commanded loads along the ground, instead of the scene's: a row per time, a column per isolated "
+        "contact (N), then per segment (N/m); or one number for all. In the plane a row is [x, y] for all contacts, or "
+        "one pair each.",
+        "N, N/m",
+    )
+    wave: WavePart | None = optional("A travelling wave of lengths and strains.")
+    friction_wave: WavePart | None = optional(
+        "A travelling wave of isotropic friction; alone, or together with a `wave` of the same period."
+    )
+    strategy: Literal["A", "B", "C"] | None = optional(
+        "Two contacts on one link, driven as in the paper's section 5.2."
+    )
+    length: Number | None = optional("With a `strategy`: Lmax, the largest actuation.", "m")
 
     @property
     def commands_friction(self) -> bool:
@@ -229,25 +194,21 @@ _TURN = 6.2832
 class PatchPart(Part):
     """Other ground between two places of the track; borders belong to neither side."""
 
-    start: Annotated[Number, key("Start on the track.", "m")] = Field(alias="from")
-    stop: Annotated[Number, key("End on the track, beyond `from`.", "m")] = Field(alias="to")
-    friction: Annotated[
-        Number | None, key("Factor on the friction of contacts there, commanded or not. Default: 1.", "1", minimum=0)
-    ] = None
-    forward: Annotated[
-        Number | None,
-        key("Instead of `friction`: factor on the friction against sliding towards +x. Default: 1.", "1", minimum=0),
-    ] = None
-    backward: Annotated[Number | None, key("Likewise, against sliding towards -x. Default: 1.", "1", minimum=0)] = None
-    slope: Annotated[
-        Number | None,
-        key(
-            "Slope of the patch, positive uphill towards +x. Default: that of the track.",
-            "degrees",
-            exclusiveMinimum=-90,
-            exclusiveMaximum=90,
-        ),
-    ] = None
+    start: Number = key("Start on the track.", "m", alias="from")
+    stop: Number = key("End on the track, beyond `from`.", "m", alias="to")
+    friction: Number | None = optional(
+        "Factor on the friction of contacts there, commanded or not. Default: 1.", "1", minimum=0
+    )
+    forward: Number | None = optional(
+        "Instead of `friction`: factor on the friction against sliding towards +x. Default: 1.", "1", minimum=0
+    )
+    backward: Number | None = optional("Likewise, against sliding towards -x. Default: 1.", "1", minimum=0)
+    slope: Number | None = optional(
+        "Slope of the patch, positive uphill towards +x. Default: that of the track.",
+        "degrees",
+        exclusiveMinimum=-90,
+        exclusiveMaximum=90,
+    )
 
     @model_validator(mode="after")
     def _sane(self) -> PatchPart:
@@ -292,23 +253,20 @@ def check_slope(slope: float) -> None:
 class GroundPart(Part):
     """The track, its slope and its patches."""
 
-    slope: Annotated[
-        Number,
-        key(
-            "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
-            "degrees",
-            exclusiveMinimum=-90,
-            exclusiveMaximum=90,
-        ),
-    ] = 0.0
-    direction: Annotated[
-        Number | None,
-        key("Only in the plane: angle of uphill from the x axis. Default: 0.", "rad", minimum=-_TURN, maximum=_TURN),
-    ] = None
+    slope: Number = key(
+        "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
+        "degrees",
+        default=0.0,
+        exclusiveMinimum=-90,
+        exclusiveMaximum=90,
+    )
+    direction: Number | None = optional(
+        "Only in the plane: angle of uphill from the x axis. Default: 0.", "rad", minimum=-_TURN, maximum=_TURN
+    )
 
-    patches: Annotated[
-        tuple[PatchPart, ...], key("Other ground between two places of the track: in order, without overlap.")
-    ] = ()
+    patches: tuple[PatchPart, ...] = key(
+        "Other ground between two places of the track: in order, without overlap.", default=()
+    )
 
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:
@@ -335,50 +293,37 @@ class SceneParts(Part):
 
     model_config = ConfigDict(title="Scene")
 
-    name: Annotated[str, AfterValidator(_check_printable), key("Name in tables and recordings.")]
-    dimension: Annotated[Literal[1, 2], key("1 on a line, 2 in the plane.")] = 1
-    body: Annotated[BodyPart, key("The parts of the crawler.")]
-    friction: Annotated[
-        Annotated[FrictionPart, BeforeValidator(explain_friction)] | None,
-        key("Friction of the isolated contacts; required if there are any."),
-    ] = None
-    loads: Annotated[
-        Table | None,
-        key(
-            "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then "
-            "per segment (N/m). In the plane [x, y] for all contacts, or one pair each.",
-            "N, N/m",
-        ),
-    ] = None
-    ground: Annotated[GroundPart | None, key("The ground; level if omitted.")] = None
-    heading: Annotated[
-        tuple[int, int] | None,
-        key("With `springs: length`: the two points whose direction is the yaw. Default: the first and the last one."),
-    ] = None
-    on_instability: Annotated[
-        Literal["jump", "refuse"] | None,
-        key("With `springs: length`: a body that buckles jumps (default), or the command is refused."),
-    ] = None
-    tolerance: Annotated[
-        Number | None,
-        key(
-            "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4; with "
-            "`springs: length` 1e-5.",
-            minimum=LEAST_TOLERANCE,
-            maximum=LARGEST_TOLERANCE,
-        ),
-    ] = None
-    start: Annotated[
-        StartPart | Literal["relaxed"] | None,
-        key(
-            "Displacements at the start; `relaxed`: without spring forces, or with the least that hold the loads. "
-            "Default: x = 0."
-        ),
-    ] = None
-    drive: Annotated[
-        DrivePart | None,
-        key("Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."),
-    ] = None
+    name: Annotated[str, AfterValidator(_check_printable)] = key("Name in tables and recordings.")
+    dimension: Literal[1, 2] = key("1 on a line, 2 in the plane.", default=1)
+    body: BodyPart = key("The parts of the crawler.")
+    friction: Annotated[FrictionPart, BeforeValidator(explain_friction)] | None = optional(
+        "Friction of the isolated contacts; required if there are any."
+    )
+    loads: Table | None = optional(
+        "Forces along the ground, towards +x positive: one number for all, or one per isolated contact (N), then per "
+        "segment (N/m). In the plane [x, y] for all contacts, or one pair each.",
+        "N, N/m",
+    )
+    ground: GroundPart | None = optional("The ground; level if omitted.")
+    heading: tuple[int, int] | None = optional(
+        "With `springs: length`: the two points whose direction is the yaw. Default: the first and the last one."
+    )
+    on_instability: Literal["jump", "refuse"] | None = optional(
+        "With `springs: length`: a body that buckles jumps (default), or the command is refused."
+    )
+    tolerance: Number | None = optional(
+        "Only in the plane: largest error of a ramp, relative to the largest commanded change. Default: 1e-4; with "
+        "`springs: length` 1e-5.",
+        minimum=LEAST_TOLERANCE,
+        maximum=LARGEST_TOLERANCE,
+    )
+    start: StartPart | Literal["relaxed"] | None = optional(
+        "Displacements at the start; `relaxed`: without spring forces, or with the least that hold the loads. Default: "
+        "x = 0."
+    )
+    drive: DrivePart | None = optional(
+        "Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."
+    )
 
 
 def angles_of(parts: SceneParts) -> tuple[float, ...]:
