@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import time
 from collections.abc import Callable, Iterator
@@ -68,12 +69,9 @@ def _groups(whole: Stack, duration: float | None) -> Iterator[tuple[np.ndarray, 
         part = whole if lanes.size == len(whole) else whole.select(lanes)
         drive = Drive(times, repeat, part.assembly.drive.rows, part.assembly.columns)
         end_ns = round((default_duration(drive) if duration is None else duration) * NS)
-
-        def course(times: np.ndarray = times, repeat: float | None = repeat, end_ns: int = end_ns) -> Any:
-            return exact_course(times, repeat, end_ns, most_ramps(whole.body))
-
+        course = functools.partial(exact_course, drive, end_ns, most_ramps(whole.body))
         blocks = list(itertools.islice(course(), 2))
-        targets = np.concatenate((part.targets, drive.sample(np.array([end_ns]))), axis=1)
+        targets = np.concatenate((drive.targets, drive.sample(np.array([end_ns]))), axis=1)
         parts = blocks[0] if len(blocks) == 1 else (timing[lanes[0]],)
         groups.setdefault(tuple(array.tobytes() for array in parts), []).append((lanes, targets, course))
     for each in groups.values():

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator
 
 import numpy as np
 
 from ..body.body import Body
-from ..body.drive import NS, find_waypoints
+from ..body.drive import NS, Drive
 
 _BLOCK, _NUMBERS = 4096, 4_000_000
 """Upper limits of the ramps followed in one call, and of the numbers recorded for them."""
@@ -26,14 +25,11 @@ def most_ramps(body: Body) -> int:
     return min(_BLOCK, max(_NUMBERS // (body.dimension * (2 * body.contacts + body.springs)), 1))
 
 
-def exact_course(
-    times: np.ndarray, period: float | None, end_ns: int, most: int
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def exact_course(drive: Drive, end_ns: int, most: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Find the ramps of a run from waypoint to waypoint, in blocks of whole periods.
 
     Args:
-        times: waypoint times, shape (W,) [s].
-        period: the waypoints repeat after it [s], or None.
+        drive: the drive, of W waypoints.
         end_ns: duration of the run [ns].
         most: number of ramps in a block, about.
 
@@ -41,21 +37,16 @@ def exact_course(
         The waypoints that end the ramps of a block, and which of these ramps end a period, int64. A run that does not
         end at a waypoint has a last ramp to "waypoint" W.
     """
-    after, periods = 0, max(most // times.size, 1)
+    period, waypoints = drive.period, drive.times.size
+    after, periods = 0, max(most // waypoints, 1)
     while after < end_ns:
         until = end_ns
         if period is not None:
             count = round(after / NS / period) + periods
             until = min(int(np.rint(period * count * NS)), end_ns)
-        way_ns, rows = _find_waypoints(times.tobytes(), period, after, until)
+        way_ns, rows = drive.waypoints_between(after, until)
         ends = np.flatnonzero(rows == 0) if period is not None else np.zeros(0, np.int64)
         if not way_ns.size or way_ns[-1] != until:
-            rows = np.append(rows, times.size)
+            rows = np.append(rows, waypoints)
         yield rows, ends
         after = until
-
-
-@functools.lru_cache(maxsize=64)
-def _find_waypoints(times: bytes, period: float | None, after_ns: int, until_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Find the waypoints in a time interval, as `find_waypoints`; most variations have the same times."""
-    return find_waypoints(np.frombuffer(times), period, after_ns, until_ns)

@@ -226,7 +226,7 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
     end_ns = round((default_duration(drive) if settings.duration is None else settings.duration) * NS)
     if crawler.method == "exact":
         targets = np.concatenate((drive.targets, drive.sample(np.array([end_ns]))))
-        for rows, ends in exact_course(drive.times, drive.period, end_ns, most):
+        for rows, ends in exact_course(drive, end_ns, most):
             yield targets[rows], ends
         return
     ratio = rational_rate(settings.rate)
