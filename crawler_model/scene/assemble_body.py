@@ -16,7 +16,7 @@ from ..body.ground import Ground
 from ..errors import SceneError
 from .assemble_links import assemble_bends, read_links
 from .assemble_turning import assemble_turning_body
-from .friction_parts import TablePart, check_field, field_of
+from .friction_parts import TablePart
 from .link_parts import SegmentPart
 from .parts import SceneParts, angles_of
 
@@ -24,10 +24,11 @@ from .parts import SceneParts, angles_of
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
     field = f"body.segments.{place}"
     if part.stiffness is not None:
-        check_field(part.stiffness, f"{field}.stiffness", "N", "> 0")
-    for side, value in zip(("forward", "backward"), part.friction.sides, strict=True):
-        check_field(value, f"{field}.friction.{side}", "N/m", ">= 0")
-    for name, value in (("stiffness", part.stiffness), *zip(("forward", "backward"), part.friction.sides, strict=True)):
+        _check_sign(part.stiffness, f"{field}.stiffness", "N", "> 0")
+    sides = tuple(zip(("forward", "backward"), part.friction.sides, strict=True))
+    for side, value in sides:
+        _check_sign(value, f"{field}.friction.{side}", "N/m", ">= 0")
+    for name, value in (("stiffness", part.stiffness), *sides):
         if isinstance(value, TablePart) and not (value.at[0] <= part.stop and value.at[-1] >= part.start):
             raise SceneError(
                 f"{field}: the table of {name} covers {value.at[0]:g} .. {value.at[-1]:g} m, outside the "
@@ -35,6 +36,13 @@ def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
             )
     nodes = np.linspace(part.start, part.stop, elements + 1)
     return Interval(part.name, nodes, _element_stiffness(part, nodes), part.shown)
+
+
+def _check_sign(part: float | TablePart, field: str, unit: str, least: str) -> None:
+    """Check that a quantity along a segment is as `least` says, "> 0" or ">= 0"."""
+    for value in part.value if isinstance(part, TablePart) else (part,):
+        if value < 0.0 or (value == 0.0 and least == "> 0"):
+            raise SceneError(f"{field}: {value:g} {unit}; it must be {least}")
 
 
 def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
@@ -56,7 +64,7 @@ def _average_compliance(modulus: TablePart, nodes: np.ndarray) -> np.ndarray:
     """Compute the mean of 1 / k over each element: k is linear between cuts, and the integral of 1 / k a logarithm."""
     at = np.array(modulus.at)
     cuts = np.union1d(nodes, at[(at > nodes[0]) & (at < nodes[-1])])
-    k = field_of(modulus)(cuts)
+    k = np.interp(cuts, at, modulus.value)
     growth = np.diff(k) / k[:-1]
     mean = np.divide(np.log1p(growth), growth, out=np.ones_like(growth), where=growth != 0.0) / k[:-1]
     integral = np.concatenate(([0.0], np.cumsum(mean * np.diff(cuts))))
@@ -123,7 +131,7 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
     segments = zip(parts.body.segments, like.segments, strict=True)
     for place, part in enumerate(parts.body.segments):
         if part.stiffness is not None and not isinstance(part.stiffness, np.ndarray):
-            check_field(part.stiffness, f"body.segments.{place}.stiffness", "N", "> 0")
+            _check_sign(part.stiffness, f"body.segments.{place}.stiffness", "N", "> 0")
     given = spread(read_links(parts.body)[1], like.link_springs.size, "body.links.stiffness", "link")
     together = join((given, *(_element_stiffness(part, like.position[s.contacts]) for part, s in segments)))
     stiffness = np.empty(together.shape)

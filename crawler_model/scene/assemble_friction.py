@@ -13,7 +13,7 @@ from ..body.columns import Columns
 from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .assemble_turning import turning_friction
-from .friction_parts import FrictionPart, SegmentFrictionPart, average, breaks_of, field_of
+from .friction_parts import FrictionPart, SegmentFrictionPart, average
 from .parts import GroundPart, SceneParts, angles_of
 
 _RADIANS = math.pi / 180.0
@@ -41,7 +41,7 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
         raise SceneError("ground.direction: only in the plane; on a line a slope is negative if it falls towards +x")
     if np.any(ground.slope != 0.0) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
-    weight = frozen(weights_of(parts, body, doubts))
+    weight = frozen(_read_weights(parts, body, doubts))
     follows = _follow_weights(parts, body)
     track = _assemble_track(parts, weight, follows)
     return Ground(weight, follows, ground.slope * _RADIANS, direction, track)
@@ -83,20 +83,8 @@ def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) 
     return Track(*rows, follows, weight)
 
 
-def weights_of(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> np.ndarray:
-    """Read the weight of each contact.
-
-    Args:
-        parts: the parts of the scene.
-        body: its body.
-        doubts: of variations, as for `refuse`.
-
-    Returns:
-        Shape (N,), for variations (M, N) [N]; 0 if the scene has none.
-
-    Raises:
-        SceneError: if a weight is negative.
-    """
+def _read_weights(parts: SceneParts, body: Body, doubts: np.ndarray | None) -> np.ndarray:
+    """Read the weight of each contact, shape (N,), for variations (M, N) [N]; 0 if the scene has none."""
     if parts.body.weights is None:
         return np.zeros(body.contacts)
     item = "contact(s) and segment" if body.segments else "contact"
@@ -234,8 +222,8 @@ def _over_contacts(field: Any, nodes: np.ndarray) -> np.ndarray:
     """Average a field over the ground of each contact of a segment; of a number that varies for each variation."""
     edges = np.concatenate((nodes[:1], 0.5 * (nodes[:-1] + nodes[1:]), nodes[-1:]))
     if not isinstance(field, np.ndarray):
-        return average(field_of(field), edges, breaks_of(field))
-    rows = [average(field_of(float(value)), edges, breaks_of(float(value))) for value in field.ravel()]
+        return average(field, edges)
+    rows = [average(float(value), edges) for value in field.ravel()]
     return np.array(rows).reshape(*field.shape[:-1], nodes.size)
 
 

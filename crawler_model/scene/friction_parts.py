@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
 from ..body.turning import SIDES
-from ..errors import LARGEST, SceneError
+from ..errors import LARGEST
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 _NUMBER = {"type": "number"}
@@ -241,64 +240,19 @@ class FrictionRowsPart(_Friction):
     isotropic: Table | None = optional("The same in both directions, likewise.", "N, N/m", minimum=0)
 
 
-def field_of(part: float | TablePart) -> Callable[[np.ndarray], np.ndarray]:
-    """Build the function of position for a quantity along a segment.
+def average(part: float | TablePart, edges: np.ndarray) -> np.ndarray:
+    """Compute the mean of a quantity over each interval between edges, with Gauss quadrature between its kinks.
 
     Args:
         part: a constant, or a table.
-
-    Returns:
-        A function of positions [m] of any shape.
-    """
-    if isinstance(part, TablePart):
-        at, value = np.array(part.at), np.array(part.value)
-        return lambda x: np.interp(x, at, value)
-    return lambda x: np.full(x.shape, part)
-
-
-def breaks_of(part: float | TablePart) -> np.ndarray:
-    """Find the positions at which a quantity along a segment is not smooth.
-
-    Args:
-        part: a constant, or a table.
-
-    Returns:
-        Positions, shape (B,) [m].
-    """
-    return np.array(part.at) if isinstance(part, TablePart) else np.zeros(0)
-
-
-def check_field(part: float | TablePart, field: str, unit: str, least: str) -> None:
-    """Check the sign of a quantity along a segment.
-
-    Args:
-        part: a constant, or a table.
-        field: its key.
-        unit: its unit.
-        least: "> 0" or ">= 0".
-
-    Raises:
-        SceneError: if a value has the wrong sign.
-    """
-    for value in part.value if isinstance(part, TablePart) else (part,):
-        if value < 0.0 or (value == 0.0 and least == "> 0"):
-            raise SceneError(f"{field}: {value:g} {unit}; it must be {least}")
-
-
-def average(field: Callable[[np.ndarray], np.ndarray], edges: np.ndarray, breaks: np.ndarray) -> np.ndarray:
-    """Compute the mean of a field over each interval between edges, with Gauss quadrature between its breaks.
-
-    Args:
-        field: function of position.
         edges: shape (M + 1,), increasing [m].
-        breaks: positions at which the field is not smooth, shape (B,) [m].
 
     Returns:
         Shape (M,).
     """
-    inner = breaks[(breaks > edges[0]) & (breaks < edges[-1])]
-    cuts = np.union1d(edges, inner)
+    at, value = (np.array(part.at), part.value) if isinstance(part, TablePart) else (edges[:1], (part,))
+    cuts = np.union1d(edges, at[(at > edges[0]) & (at < edges[-1])])
     half, middle = 0.5 * np.diff(cuts), 0.5 * (cuts[:-1] + cuts[1:])
-    values = field(middle[:, None] + half[:, None] * _POINTS) @ (0.5 * _WEIGHTS)
+    values = np.interp(middle[:, None] + half[:, None] * _POINTS, at, value) @ (0.5 * _WEIGHTS)
     weighted = np.concatenate(([0.0], np.cumsum(values * 2.0 * half)))
     return np.diff(weighted[np.searchsorted(cuts, edges)]) / np.diff(edges)

@@ -221,7 +221,7 @@ class PatchPart(Part):
         if self.friction is not None and (self.forward is not None or self.backward is not None):
             raise ValueError("give `friction`, or `forward` and `backward`, not both")
         if self.slope is not None:
-            check_slope(self.slope)
+            _check_slope(self.slope)
         elif all(factor is None for factor in sides.values()):
             raise ValueError(
                 "give `friction`, `forward`, `backward` or `slope`; without any of them the patch changes nothing"
@@ -237,15 +237,7 @@ class PatchPart(Part):
         return forward, backward
 
 
-def check_slope(slope: float) -> None:
-    """Check a slope.
-
-    Args:
-        slope: theta [degrees].
-
-    Raises:
-        ValueError: if it is not between -90 and 90.
-    """
+def _check_slope(slope: float) -> None:
     if not -90.0 < slope < 90.0:
         raise ValueError(f"slope: {slope:g} degrees; it must be between -90 and 90")
 
@@ -263,14 +255,13 @@ class GroundPart(Part):
     direction: Number | None = optional(
         "Only in the plane: angle of uphill from the x axis. Default: 0.", "rad", minimum=-_TURN, maximum=_TURN
     )
-
     patches: tuple[PatchPart, ...] = key(
         "Other ground between two places of the track: in order, without overlap.", default=()
     )
 
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:
-        check_slope(self.slope)
+        _check_slope(self.slope)
         if self.direction is not None and not abs(self.direction) <= _TURN:
             raise ValueError(f"direction: {self.direction:g} rad; it must be between -{_TURN} and {_TURN}, a full turn")
         for i, (one, other) in enumerate(zip(self.patches, self.patches[1:], strict=False)):

@@ -8,7 +8,7 @@ import pytest
 from crawler_model import Scene, SceneError, load_scene, simulate
 from crawler_model.scene.assemble import _largest_change
 from crawler_model.scene.elements import count_elements
-from crawler_model.scene.friction_parts import average
+from crawler_model.scene.friction_parts import TablePart, average
 
 from ..segments import accuracies, closed_form, gains, random_homogeneous, segment, unequal
 
@@ -117,9 +117,9 @@ def test_the_compliance_of_an_element_is_the_integral_of_one_over_the_modulus():
         assert np.sum(1.0 / scene.body.stiffness) == pytest.approx(0.5 * piece + 0.25 / 0.5 + 0.25 * piece, rel=1e-12)
 
 
-def test_fields_are_averaged_exactly_between_their_breaks():
+def test_tables_are_averaged_exactly_between_their_kinks():
     edges = np.array([0.0, 0.5, 2.0])
-    kink = average(lambda x: np.abs(x - 0.2), edges, np.array([0.2]))
+    kink = average(TablePart.model_validate({"at": [0.0, 0.2, 2.0], "value": [0.2, 0.0, 1.8]}), edges)
     assert kink == pytest.approx([(0.02 + 0.045) / 0.5, (1.62 - 0.045) / 1.5], rel=1e-13)
 
 
