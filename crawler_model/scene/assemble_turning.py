@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..arrays import frozen, spread
 from ..body.body import Body
-from ..body.build_turning import build_frames, build_heading, build_joints, build_links, build_turning_body
+from ..body.build import check_connected
 from ..body.turning import SIDES, Turning, check_sides, forward_angles, load_of_friction
 from ..errors import SceneError
 from ..rounding import EPS
@@ -17,6 +19,8 @@ from .assembly import Assembly
 from .parts import SceneParts
 
 _ROUNDING = 1e3 * 32.0 * EPS
+_COINCIDE = 1e-6
+"""Points nearer to each other than this part of the size of the body coincide."""
 
 
 def check_turning(parts: SceneParts) -> None:
@@ -83,31 +87,112 @@ def assemble_turning_body(parts: SceneParts) -> Body:
     """
     given, friction = parts.body, parts.friction
     assert friction is not None
-    field = "body.contacts" if given.points is None else "body.points"
     points = np.array(given.places, dtype=np.float64).reshape(-1, 2)
-    between, stiffness = read_links(given)
-    for i, pair in enumerate(between or ()):
-        for end in pair:
-            if not isinstance(end, int):
-                raise SceneError(f"body.links.between: link {i} joins {end!r}; with `springs: length` points by number")
-    ends = build_links(points, between, field)  # type: ignore[arg-type]
+    count = len(points)
+    if count < 2:
+        field = "body.contacts" if given.points is None else "body.points"
+        raise SceneError(f"{field}: {count} point(s); a body needs at least 2")
+    between, given_stiffness = read_links(given)
+    ends = _find_links(points, between)
     joints, joint_stiffness = np.zeros((0, 3), np.int64), np.zeros(0)
     if given.joints is not None:
-        joints, joint_stiffness = build_joints(points, given.joints.between, given.joints.stiffness)
-    offset = spread(0.0 if friction.angle is None else friction.angle, len(points), "friction.angle", "point")
+        joints = _find_joints(points, given.joints.between)
+        joint_stiffness = _read_stiffness(given.joints.stiffness, len(joints), "joint", "N m/rad")
+    offset = spread(0.0 if friction.angle is None else friction.angle, count, "friction.angle", "point")
     turning = Turning(
         joints,
         joint_stiffness,
-        build_frames(points, ends, friction.frame),
+        _find_frames(points, ends, friction.frame),
         frozen(offset),
         friction.law == "along_velocity",
-        build_heading(points, parts.heading),
+        _find_heading(points, parts.heading),
         parts.on_instability != "refuse",
     )
-    bare = (turning_friction(parts) == 0.0).all(axis=1)
-    if bare.all():
+    touching = (turning_friction(parts) != 0.0).any(axis=1)
+    if not touching.any():
         raise SceneError("friction: 0 for all points; at least one needs friction, or nothing determines the motion")
-    return build_turning_body(points, ends, stiffness, turning, bare)
+    body = Body(
+        position=frozen(points),
+        ends=ends,
+        stiffness=_read_stiffness(given_stiffness, len(ends), "link", "N/m"),
+        share=frozen(touching / touching.sum()),
+        ground=frozen(np.ones(count)),
+        isolated=frozen(np.arange(count), np.int64),
+        link_springs=frozen(np.arange(len(ends)), np.int64),
+        segments=(),
+        turning=turning,
+    )
+    check_connected(body, range(count), np.arange(count), "point")
+    return body
+
+
+def _find_links(points: np.ndarray, between: Sequence[Sequence[int | str]] | None) -> np.ndarray:
+    """Find the two points of each link, int64, shape (S, 2); without pairs each point is joined to the next."""
+    pairs = list(itertools.pairwise(range(len(points)))) if between is None else between
+    for i, pair in enumerate(pairs):
+        for end in pair:
+            if not isinstance(end, int):
+                raise SceneError(f"body.links.between: link {i} joins {end!r}; with `springs: length` points by number")
+        _check_points(f"body.links.between: link {i}", pair, points, "a link needs a length > 0")
+    return frozen(pairs, np.int64).reshape(-1, 2)
+
+
+def _find_joints(points: np.ndarray, between: Sequence[Sequence[int]] | None) -> np.ndarray:
+    """Find the three points of each joint, int64, shape (J, 3); without triples all points that follow each other."""
+    triples = [(i, i + 1, i + 2) for i in range(len(points) - 2)] if between is None else between
+    for i, triple in enumerate(triples):
+        _check_points(f"body.joints.between: joint {i}", triple, points, "an angle needs three places")
+    return frozen(triples, np.int64).reshape(-1, 3)
+
+
+def _read_stiffness(values: Any, count: int, spring: str, unit: str) -> np.ndarray:
+    """Read the stiffnesses of all links or joints, shape (count,) [`unit`]."""
+    field = f"body.{spring}s.stiffness"
+    stiffness = spread(values, count, field, spring)
+    for i in np.flatnonzero(~(stiffness > 0.0)):
+        raise SceneError(f"{field}: {spring} {i} has {stiffness[i]:g} {unit}; it must be > 0")
+    return frozen(stiffness)
+
+
+def _find_frames(points: np.ndarray, ends: np.ndarray, given: Sequence[Sequence[int]] | None) -> np.ndarray:
+    """Find the two points of the frame of each point, int64, shape (N, 2); by default those of its first link."""
+    count = len(points)
+    if given is None:
+        rows = [np.flatnonzero((ends == i).any(axis=1)) for i in range(count)]
+        return frozen([ends[row[0]] if row.size else (0, 0) for row in rows], np.int64)
+    if len(given) != count:
+        raise SceneError(f"friction.frame: {len(given)} pair(s) for {count} points; give one each")
+    linked = {tuple(pair) for pair in np.concatenate((ends, ends[:, ::-1])).tolist()}
+    for i, pair in enumerate(given):
+        _check_points(f"friction.frame: point {i}", pair, points, "a direction needs two places")
+        if tuple(pair) not in linked:
+            raise SceneError(
+                f"friction.frame: point {i} has {list(pair)}, which no link joins; its direction must be that of a link"
+            )
+    return frozen(given, np.int64)
+
+
+def _find_heading(points: np.ndarray, given: Sequence[int] | None) -> np.ndarray:
+    """Find the two points whose direction is the yaw, int64, shape (2,); by default the first and the last one."""
+    pair = (0, len(points) - 1) if given is None else given
+    hint = "" if given is not None else "; give two other points"
+    _check_points("heading: it", pair, points, f"a direction needs two places{hint}")
+    return frozen(pair, np.int64)
+
+
+def _check_points(where: str, numbers: Sequence[Any], points: np.ndarray, needs: str) -> None:
+    """Check that points exist, differ and do not coincide."""
+    count, shown = len(points), list(numbers)
+    for number in numbers:
+        if not 0 <= number < count:
+            raise SceneError(f"{where} has {shown}, but there are points 0 .. {count - 1}")
+    near = _COINCIDE * float(np.linalg.norm(np.ptp(points, axis=0)))
+    for one, other in itertools.combinations(numbers, 2):
+        if one == other:
+            raise SceneError(f"{where} has {shown}, point {one} twice; {needs}")
+        if float(np.linalg.norm(points[one] - points[other])) <= near:
+            at = ", ".join(f"{v:g}" for v in points[one])
+            raise SceneError(f"{where} has {shown}, but points {one} and {other} are both at [{at}] m; {needs}")
 
 
 def turning_friction(parts: SceneParts) -> np.ndarray:
