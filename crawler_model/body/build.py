@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,9 +40,6 @@ class Interval:
         return cells
 
 
-End: TypeAlias = int | tuple[str, Literal["from", "to"]]
-"""An end of a link: a contact by its number, or an end of a segment by the segment's name."""
-
 _MOST_SPAN = 1e13
 """Largest ratio of two stiffnesses of a body."""
 
@@ -51,15 +47,16 @@ _MOST_SPAN = 1e13
 def build_body(
     contacts: ArrayLike,
     stiffness: ArrayLike,
-    between: Sequence[tuple[End, End]] | None = None,
-    segments: Sequence[Interval] = (),
+    between: Sequence[tuple[int | str, int | str]] | None,
+    segments: Sequence[Interval],
 ) -> Body:
     """Build a body from its contacts, links and segments.
 
     Args:
         contacts: reference positions of the isolated contacts, increasing, shape (I,), or (I, 2) in the plane [m].
         stiffness: stiffness of the links, one number or one per link, > 0 [N/m].
-        between: the pair of ends that each link joins; None links each part to the next.
+        between: the pair of ends that each link joins: contacts by number, ends of segments as `name.from` and
+            `name.to`; None links each part to the next.
         segments: the segments.
 
     Returns:
@@ -175,28 +172,32 @@ def _name(part: int | str, noun: str = "contact") -> str:
 
 
 def _link_ends(
-    between: Sequence[tuple[End, End]] | None, parts: list[Interval], place: dict[int | str, int]
+    between: Sequence[tuple[int | str, int | str]] | None, parts: list[Interval], place: dict[int | str, int]
 ) -> list[tuple[int, int]]:
     """Find the two contacts that each link joins."""
     last = {part.name: place[part.name] + len(part.nodes) - 1 for part in parts}
     if between is None:
         return [(last[a.name], place[b.name]) for a, b in itertools.pairwise(parts)]
+    known: dict[int | str, int] = {}
+    for name, first in place.items():
+        known |= {name: first} if isinstance(name, int) else {f"{name}.from": first, f"{name}.to": last[name]}
     ends = []
     for i, pair in enumerate(between):
-        found = []
+        link = f"body.links.between: link {i} joins"
         for end in pair:
-            key = end if isinstance(end, int) else end[0]
-            if key not in place:
-                raise SceneError(f"body.links.between: link {i} joins {_end(end)}; {_known(place)}")
-            found.append(last[key] if not isinstance(end, int) and end[1] == "to" else place[key])
-        if found[0] == found[1]:
-            raise SceneError(f"body.links.between: link {i} joins {_end(pair[0])} to itself")
-        ends.append((found[0], found[1]))
+            if isinstance(end, str) and not end.endswith((".from", ".to")):
+                raise SceneError(f"{link} {end!r}; an end is a number, `name.from` or `name.to`")
+            if end not in known:
+                raise SceneError(f"{link} {_end(end)}; {_known(place)}")
+        a, b = (known[end] for end in pair)
+        if a == b:
+            raise SceneError(f"{link} {_end(pair[0])} to itself")
+        ends.append((a, b))
     return ends
 
 
-def _end(end: End) -> str:
-    return f"contact {end}" if isinstance(end, int) else f"{end[0]}.{end[1]}"
+def _end(end: int | str) -> str:
+    return f"contact {end}" if isinstance(end, int) else end
 
 
 def _known(place: dict[int | str, int]) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
-from ..body.build import End, Interval, build_body, check_span
+from ..body.build import Interval, build_body, check_span
 from ..body.columns import Columns, build_columns, build_planar_columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
@@ -18,7 +18,7 @@ from .assemble_links import assemble_bends, read_links
 from .assemble_turning import assemble_turning_body
 from .friction_parts import TablePart
 from .link_parts import SegmentPart
-from .parts import SceneParts, angles_of
+from .parts import SceneParts
 
 
 def _interval(part: SegmentPart, place: int, elements: int) -> Interval:
@@ -71,17 +71,6 @@ def _average_compliance(modulus: TablePart, nodes: np.ndarray) -> np.ndarray:
     return np.diff(integral[np.searchsorted(cuts, nodes)]) / np.diff(nodes)
 
 
-def _end(value: int | str, link: int) -> End:
-    if isinstance(value, int):
-        return value
-    name, _, end = value.rpartition(".")
-    if end == "from":
-        return name, "from"
-    if end == "to":
-        return name, "to"
-    raise SceneError(f"body.links.between: link {link} joins {value!r}; an end is a number, `name.from` or `name.to`")
-
-
 def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
     """Build the body of a scene.
 
@@ -104,8 +93,7 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
                 f"body.contacts: contact {i} is {list(contact)}; on a line it is a number (or dimension: 2)"
             )
     segments = [_interval(s, i, n) for i, (s, n) in enumerate(zip(given.segments, elements, strict=True))]
-    pairs, stiffness = read_links(given)
-    between = None if pairs is None else [(_end(a, i), _end(b, i)) for i, (a, b) in enumerate(pairs)]
+    between, stiffness = read_links(given)
     contacts = np.array(given.contacts, dtype=np.float64)
     if parts.dimension == 2:
         contacts = contacts.reshape(-1, 2)
@@ -168,7 +156,7 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground, like: Column
             return like
         return dataclasses.replace(like, slope_load=slope_load, patched=patched)
     if parts.dimension == 2:
-        return build_planar_columns(body, unit_directions(angles_of(parts)), slope_load)
+        return build_planar_columns(body, unit_directions(parts.angles), slope_load)
     strain = drive is not None and drive.wave is not None
     wave = drive is not None and drive.friction_wave is not None
     fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]

@@ -14,7 +14,7 @@ from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .assemble_turning import turning_friction
 from .friction_parts import FrictionPart, SegmentFrictionPart, average
-from .parts import GroundPart, SceneParts, angles_of
+from .parts import GroundPart, SceneParts
 
 _RADIANS = math.pi / 180.0
 
@@ -197,7 +197,7 @@ def assemble_friction(
         loads = planar_loads(parts.loads or 0.0, body.contacts, "loads") if columns.loads else np.zeros(0)
         return np.concatenate((planar.ravel(), loads))
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
-    if angles_of(parts):
+    if parts.angles:
         raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
     of_contacts = press[..., body.isolated] if _has_coefficient(parts.friction) else 1.0
     values = []

@@ -15,7 +15,7 @@ from ..body.columns import Columns
 from ..body.directions import unit_directions
 from ..body.drive import Drive
 from ..body.ground import Ground
-from .parts import SceneParts, angles_of
+from .parts import SceneParts
 
 AXES = {"stiffness": 1, "weight": 1, "slope_load": 1, "times": 1, "period": 0, "rows": 2, "start": 1}
 """The arrays that may vary, and the number of axes of each in a single scene."""
@@ -66,7 +66,7 @@ class Assembly:
     @property
     def angles(self) -> np.ndarray:
         """Angles of the friction directions in the plane, shape (m,) [rad]; m = 0 for isotropic friction."""
-        return np.array(angles_of(self.parts), dtype=np.float64)
+        return np.array(self.parts.angles, dtype=np.float64)
 
     @functools.cached_property
     def commanded(self) -> np.ndarray:

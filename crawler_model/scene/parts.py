@@ -316,14 +316,7 @@ class SceneParts(Part):
         "Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."
     )
 
-
-def angles_of(parts: SceneParts) -> tuple[float, ...]:
-    """Return the directions of friction in the plane.
-
-    Args:
-        parts: the parts of the scene.
-
-    Returns:
-        Their angles, none for isotropic friction [rad].
-    """
-    return () if parts.friction is None else parts.friction.given.directions or ()
+    @property
+    def angles(self) -> tuple[float, ...]:
+        """Angles of the directions of friction in the plane, none for isotropic friction [rad]."""
+        return () if self.friction is None else self.friction.given.directions or ()
