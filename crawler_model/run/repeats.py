@@ -37,47 +37,36 @@ def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     return tension
 
 
-def tolerance_of_tensions(body: Body, targets: np.ndarray, tension: np.ndarray, part: float = REPEATS) -> np.ndarray:
-    """Compute by how much each tension may differ from that of a period before if it repeats.
-
-    Args:
-        body: the body, or M variations of it.
-        targets: the commands of a period, shape (V, F), of variations (M, V, F).
-        tension: at the end of a period, from `determining_tension`, shape (S,) or (M, S), in the plane (S, 2) [N].
-        part: of the friction and the tensions at the contact where they are weaker [1].
-
-    Returns:
-        Shape (S,) or (M, S) [N]; never less than the rounding of a tension that follows from displacements.
-    """
-    n, lengths = body.contacts, body.springs * body.dimension
-    pull = np.linalg.norm(tension, axis=-1) if body.dimension == 2 else np.abs(tension)
-    if body.dimension == 2:
-        reach = np.linalg.norm(targets[:, :lengths].reshape(-1, body.springs, 2), axis=-1).max(axis=0)
-        each = (targets.shape[-1] - lengths) // n  # by direction, and two numbers of the load
-        friction = np.abs(targets[:, lengths : lengths + each * n]).reshape(-1, each, n).max(axis=(0, 1))
-    else:
-        reach = np.abs(targets[..., :lengths]).max(axis=-2)
-        bounds = np.abs(targets[..., lengths : lengths + 2 * n]).max(axis=-2)
-        friction = np.maximum(bounds[..., :n], bounds[..., n:])
-    at_contact = body.force_size(pull) + friction
-    weaker = np.minimum(at_contact[..., body.ends[:, 0]], at_contact[..., body.ends[:, 1]])
-    return part * weaker + _ROUNDING * (body.stiffness * reach + pull)
-
-
 def tensions_repeat(
     body: Body, targets: np.ndarray, tension: np.ndarray, before: np.ndarray, part: float
 ) -> np.ndarray:
     """Determine whether the tensions at the ends of two periods are equal within their tolerance.
 
+    That is never less than the rounding of a tension that follows from displacements.
+
     Args:
-        body: as for `tolerance_of_tensions`.
-        targets: likewise.
-        tension: at the end of a period, likewise.
+        body: the body, or M variations of it.
+        targets: the commands of a period, shape (V, F), of variations (M, V, F).
+        tension: at the end of a period, from `determining_tension`, shape (S,) or (M, S), in the plane (S, 2) [N].
         before: at the end of the period before, same shape.
-        part: as for `tolerance_of_tensions` [1].
+        part: of the friction and the tensions at the contact where they are weaker, by which a tension may differ [1].
 
     Returns:
         A single truth value, or one of each variation, shape (M,).
     """
-    change = np.linalg.norm(tension - before, axis=-1) if body.dimension == 2 else np.abs(tension - before)
-    return np.asarray((change <= tolerance_of_tensions(body, targets, tension, part)).all(axis=-1))
+    n, lengths = body.contacts, body.springs * body.dimension
+    change = tension - before
+    if body.dimension == 2:
+        change, pull = np.linalg.norm(change, axis=-1), np.linalg.norm(tension, axis=-1)
+        reach = np.linalg.norm(targets[:, :lengths].reshape(-1, body.springs, 2), axis=-1).max(axis=0)
+        each = (targets.shape[-1] - lengths) // n  # by direction, and two numbers of the load
+        friction = np.abs(targets[:, lengths : lengths + each * n]).reshape(-1, each, n).max(axis=(0, 1))
+    else:
+        change, pull = np.abs(change), np.abs(tension)
+        reach = np.abs(targets[..., :lengths]).max(axis=-2)
+        bounds = np.abs(targets[..., lengths : lengths + 2 * n]).max(axis=-2)
+        friction = np.maximum(bounds[..., :n], bounds[..., n:])
+    at_contact = body.force_size(pull) + friction
+    weaker = np.minimum(at_contact[..., body.ends[:, 0]], at_contact[..., body.ends[:, 1]])
+    tolerance = part * weaker + _ROUNDING * (body.stiffness * reach + pull)
+    return np.asarray((change <= tolerance).all(axis=-1))
