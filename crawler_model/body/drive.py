@@ -89,7 +89,19 @@ class Drive:
             Their times [ns], int64, and their row indices, each of shape (K,). The end of a period and the start of
             the next one are the same waypoint, the first row.
         """
-        return find_waypoints(self.times, self.period, after_ns, until_ns)
+        if self.period is None:
+            found = np.rint(self.times * NS).astype(np.int64)
+            rows = np.arange(found.size)
+        else:
+            rows = np.flatnonzero(self.times < self.period)
+            span = self.period * NS
+            first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
+            count = int(np.ceil((until_ns - first * span) / span)) + 2
+            starts = self.period * np.arange(first, first + max(count, 0))
+            found = np.rint((starts[:, None] + self.times[rows]) * NS).astype(np.int64).ravel()
+            rows = np.tile(rows, starts.size)
+        inside = (found > after_ns) & (found <= until_ns)
+        return found[inside], rows[inside]
 
     def sample(self, times_ns: np.ndarray) -> np.ndarray:
         """Interpolate the commands at given times.
@@ -162,35 +174,6 @@ class Drive:
         at = np.searchsorted(vertex_ns, way_ns)
         targets[at] = self.targets[way_rows]
         return vertex_ns, np.ascontiguousarray(targets), at, way_rows
-
-
-def find_waypoints(
-    times: np.ndarray, period: float | None, after_ns: int, until_ns: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the waypoints in a time interval, as `Drive.waypoints_between` does.
-
-    Args:
-        times: waypoint times, increasing from 0, shape (W,) [s].
-        period: the waypoints repeat after it [s], or None.
-        after_ns: open start of the interval [ns], >= -1.
-        until_ns: closed end of the interval [ns].
-
-    Returns:
-        Their times [ns], int64, and their row indices, each of shape (K,).
-    """
-    if period is None:
-        found = np.rint(times * NS).astype(np.int64)
-        rows = np.arange(found.size)
-    else:
-        rows = np.flatnonzero(times < period)
-        span = period * NS
-        first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
-        count = int(np.ceil((until_ns - first * span) / span)) + 2
-        starts = period * np.arange(first, first + max(count, 0))
-        found = np.rint((starts[:, None] + times[rows]) * NS).astype(np.int64).ravel()
-        rows = np.tile(rows, starts.size)
-    inside = (found > after_ns) & (found <= until_ns)
-    return found[inside], rows[inside]
 
 
 def build_waypoints(
