@@ -38,12 +38,8 @@ def check_directions(angles: ArrayLike, values: ArrayLike, unit: str = "N") -> N
     angle = np.asarray(angles, dtype=np.float64)
     mu = np.atleast_2d(np.asarray(values, dtype=np.float64))
     m = angle.size
-    if angle.ndim != 1 or m < 3:
+    if m < 3:
         raise SceneError(f"friction.directions: {m} direction(s); at least 3 are needed to span the plane")
-    if mu.ndim != 2 or mu.shape[1] != m:
-        raise SceneError(f"friction.directions: {mu.shape[-1]} value(s) for {m} directions; give one for each")
-    for k in np.flatnonzero(~np.isfinite(angle)):
-        raise SceneError(f"friction.directions: the angle of direction {k} is {angle[k]}; it must be finite")
     gaps = np.diff(np.append(angle, angle[0] + 2.0 * np.pi))
     for k in np.flatnonzero(gaps <= 0.0):
         raise SceneError(
@@ -54,7 +50,7 @@ def check_directions(angles: ArrayLike, values: ArrayLike, unit: str = "N") -> N
         raise SceneError(
             f"friction.directions: {gaps[k]:g} rad from direction {k} to the next; it must be less than half a turn"
         )
-    for i, k in np.argwhere(~((mu >= 0.0) & np.isfinite(mu))):
+    for i, k in np.argwhere(~(mu >= 0.0)):
         raise SceneError(f"friction.directions: contact {i} has {mu[i, k]:g} {unit} in direction {k}; it must be >= 0")
     before, after = np.roll(gaps, 1), gaps
     # d_k is a combination of its neighbours; R is convex if mu_k never exceeds the same combination of their mu
