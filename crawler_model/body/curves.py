@@ -145,7 +145,7 @@ class Curve:
                 merged[-1, AT:] = piece[AT:]
             merged[-1, END] = piece[END]
         here = merged[np.searchsorted(merged[:, END], 0.0)]
-        merged[:, ENERGY] -= energy_on(here, 0.0)
+        merged[:, ENERGY] -= _energy_on(here, 0.0)
         return merged
 
 
@@ -154,16 +154,8 @@ def _equal(slope: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(slope - other) <= 1e-14 * np.maximum(slope, other))
 
 
-def energy_on(piece: np.ndarray, length: ArrayLike) -> np.ndarray:
-    """Compute the energy of a curve on one of its pieces.
-
-    Args:
-        piece: columns as BEGIN .. ENERGY on the last axis, shape (..., 6).
-        length: shape (...) [m].
-
-    Returns:
-        Shape (...) [J].
-    """
+def _energy_on(piece: np.ndarray, length: ArrayLike) -> np.ndarray:
+    """Compute the energy of a curve at a length [m] on one of its pieces, shape (..., 6) [J]."""
     way = np.asarray(length) - piece[..., AT]
     return np.asarray(piece[..., ENERGY] + (piece[..., VALUE] + 0.5 * piece[..., SLOPE] * way) * way)
 
@@ -276,4 +268,4 @@ class Bend:
 
 def _energy(curve: Curve, length: np.ndarray) -> np.ndarray:
     pieces = curve.pieces
-    return energy_on(pieces[np.searchsorted(pieces[:-1, END], length)], length)
+    return _energy_on(pieces[np.searchsorted(pieces[:-1, END], length)], length)
