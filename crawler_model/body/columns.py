@@ -281,17 +281,13 @@ class Columns:
             return
         forward, backward, load = target[-3 * n :].reshape(3, n)
         total = float(load.sum())
-        ahead, behind = self.lacks_equilibrium(target)
-        if ahead:
-            raise error(
-                f"{where}: the loads sum to {total:g} N forward, but friction against sliding forward to "
-                f"{float((forward + load).sum()):g} N: no equilibrium, the body would run away"
-            )
-        if behind:
-            raise error(
-                f"{where}: the loads sum to {-total:g} N backward, but friction against sliding backward to "
-                f"{float((backward - load).sum()):g} N: no equilibrium, the body would run away"
-            )
+        sides = ("forward", total, forward + load), ("backward", -total, backward - load)
+        for lacks, (side, pull, friction) in zip(self.lacks_equilibrium(target), sides, strict=True):
+            if lacks:
+                raise error(
+                    f"{where}: the loads sum to {pull:g} N {side}, but friction against sliding {side} to "
+                    f"{float(friction.sum()):g} N: no equilibrium, the body would run away"
+                )
 
     def lacks_equilibrium(self, targets: np.ndarray) -> np.ndarray:
         """Find the commands on a line whose loads friction cannot hold.
