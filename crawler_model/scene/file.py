@@ -43,10 +43,6 @@ for _tag, _pattern in (
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^({_pattern})$"), list("-+.0123456789"))
 
 
-def _decimal(loader: _Loader, node: yaml.ScalarNode) -> int:
-    return int(loader.construct_scalar(node))
-
-
 def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
     seen: set[Any] = set()
     for key_node, _ in node.value:
@@ -64,7 +60,7 @@ def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
 
 
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_once)
-_Loader.add_constructor("tag:yaml.org,2002:int", _decimal)  # 010 is ten
+_Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))  # 010 is ten
 
 
 def _pairs_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -197,25 +193,21 @@ def gallery() -> dict[str, str]:
     return scenes
 
 
-def _read(path: Path) -> str:
-    """Read a regular file of limited size; files of unknown size, as in /proc and /sys, are rejected as empty."""
-    size = path.stat().st_size
-    if size == 0:
-        raise ValueError("it is empty")
-    if size > LARGEST_FILE:
-        raise ValueError(f"it has {size} bytes; a scene has at most {LARGEST_FILE}")
-    with path.open("rb") as stream:
-        return stream.read(LARGEST_FILE).decode("utf-8")
-
-
 def _is_path(text: str) -> bool:
     """Return whether a text means a path, not the name of a scene."""
     return bool(Path(text).suffix) or os.sep in text
 
 
-def _read_named(path: Path, name: str) -> str:
+def _read(path: Path, name: str) -> str:
+    """Read a regular file of limited size; files of unknown size, as in /proc and /sys, are rejected as empty."""
     try:
-        return _read(path)
+        size = path.stat().st_size
+        if size == 0:
+            raise ValueError("it is empty")
+        if size > LARGEST_FILE:
+            raise ValueError(f"it has {size} bytes; a scene has at most {LARGEST_FILE}")
+        with path.open("rb") as stream:
+            return stream.read(LARGEST_FILE).decode("utf-8")
     except (OSError, ValueError) as error:
         raise SceneError(f"{name}: cannot be read: {error}") from None
 
@@ -234,7 +226,7 @@ def load_drive(path_or_name: str | Path) -> Mapping[str, Any]:
     """
     text = str(path_or_name)
     path = Path(text)
-    data = _parse(_read_named(path, text), text) if _is_path(text) and path.is_file() else load_scene(text).document()
+    data = _parse(_read(path, text), text) if _is_path(text) and path.is_file() else load_scene(text).document()
     drive = data.get("drive") if isinstance(data, Mapping) else None
     if not isinstance(drive, Mapping):
         raise SceneError(f"{text}: no drive; it must have a part `drive:`, as a scene or what `crawler excite` writes")
@@ -257,7 +249,7 @@ def load_scene(path_or_name: str | Path) -> Scene:
     text = str(path_or_name)
     path = Path(text)
     if _is_path(text) and path.is_file():
-        return parse_scene(_read_named(path, text), text)
+        return parse_scene(_read(path, text), text)
     known = gallery()
     if text in known:
         file = resources.files("msgs_config") / "scenes" / f"{text}.yaml"
