@@ -187,8 +187,6 @@ class TangentPath:
         most = max(1, _MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * n)))
         most = min(most, max(1, _MOST_NUMBERS // max(self._derivative.dx.size, 1)))
         found = [self._follow(vertices, slice(i, i + most)) for i in range(0, vertices.time_ns.size, most)]
-        if len(found) == 1:
-            return found[0]
         names = ("x", "rest", "work", "dx", "d_work", "speed")
         return Stretch(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
