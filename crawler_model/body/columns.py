@@ -16,13 +16,11 @@ holds the rest lengths, the friction and with loads f.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import CrawlerError, SceneError
-from .body import Body
 from .names import name_each
 from .planar_loads import check_planar_equilibrium
 from .turning import SIDES
@@ -311,69 +309,3 @@ class Columns:
             return False
         same = self.count == self.index.size and (self.index == np.arange(self.count)).all()
         return bool(same and (self.factor == 1.0).all())
-
-
-def build_columns(
-    body: Body, fields: Sequence[tuple[bool, bool]], slope_load: np.ndarray | None = None, patched: bool = False
-) -> Columns:
-    """Build the command layout of a body on a line.
-
-    Args:
-        body: the body.
-        fields: for each segment, whether its strain and whether its friction vary along it.
-        slope_load: with loads, what the slope adds to the load of each contact, shape (N,) [N].
-        patched: whether the ground changes with place.
-
-    Returns:
-        The layout.
-    """
-    segments = tuple(
-        (s.name, s.elements if strain else 1, s.elements + 1 if friction else 1)
-        for s, (strain, friction) in zip(body.segments, fields, strict=True)
-    )
-    links, contacts = body.link_springs.size, body.isolated.size
-    sides = 2 if slope_load is None else 3
-    index = np.zeros(body.springs + sides * body.contacts, dtype=np.int64)
-    factor = np.ones(index.size)
-    index[body.link_springs] = np.arange(links)
-    column = links
-    for segment, (_, size, _) in zip(body.segments, segments, strict=True):
-        index[segment.springs] = column + np.arange(segment.elements) % size
-        factor[segment.springs] = segment.element
-        column += size
-    for first in (body.springs, body.springs + body.contacts):
-        index[first + body.isolated] = column + np.arange(contacts)
-        column += contacts
-        for segment, (_, _, size) in zip(body.segments, segments, strict=True):
-            places = np.arange(segment.first, segment.last + 1)
-            index[first + places] = column + np.arange(places.size) % size
-            factor[first + places] = body.ground[places]
-            column += size
-    if slope_load is not None:
-        first = body.springs + 2 * body.contacts
-        index[first + body.isolated] = column + np.arange(contacts)
-        for k, segment in enumerate(body.segments):
-            places = np.arange(segment.first, segment.last + 1)
-            index[first + places] = column + contacts + k
-            factor[first + places] = body.ground[places]
-    return Columns(links, contacts, segments, None, index, factor, slope_load, patched=patched)
-
-
-def build_planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray | None = None) -> Columns:
-    """Build the command layout of a body in the plane.
-
-    Args:
-        body: the body.
-        directions: unit vectors of the friction directions, shape (m, 2); m = 0 for isotropic friction, and for a body
-            that turns.
-        slope_load: with loads, what the slope adds to the load of each contact, shape (N, 2) [N].
-
-    Returns:
-        The layout; a row equals its target but for the load of the slope.
-    """
-    turns = body.turning is not None
-    sides = len(SIDES) if turns else directions.shape[0]
-    size = body.lengths + body.contacts * (max(sides, 1) + (0 if slope_load is None else 2))
-    joints = body.lengths - body.springs if turns else None
-    index, factor = np.arange(size), np.ones(size)
-    return Columns(body.springs, body.contacts, (), sides, index, factor, slope_load, directions, joints=joints)

@@ -10,9 +10,10 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.build import Interval, build_body, check_span
-from ..body.columns import Columns, build_columns, build_planar_columns
+from ..body.columns import Columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground
+from ..body.turning import SIDES
 from ..errors import SceneError
 from .assemble_links import assemble_bends, read_links
 from .assemble_turning import assemble_turning_body
@@ -149,18 +150,62 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground, like: Column
         The columns, `like` itself if the slope adds the same loads. A segment has one column for its strain unless a
         wave runs along it, and one per side for its friction unless that varies along it.
     """
-    drive, slope_load, patched = parts.drive, _loads_of_slope(parts, ground), ground.track is not None
+    slope_load, patched = _loads_of_slope(parts, ground), ground.track is not None
     same = None if like is None else like.slope_load
     if like is not None and parts.dimension == 1 and (slope_load is None) == (same is None):
         if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
             return like
         return dataclasses.replace(like, slope_load=slope_load, patched=patched)
     if parts.dimension == 2:
-        return build_planar_columns(body, unit_directions(parts.angles), slope_load)
-    strain = drive is not None and drive.wave is not None
-    wave = drive is not None and drive.friction_wave is not None
-    fields = [(strain, wave or any(isinstance(v, TablePart) for v in s.friction.sides)) for s in parts.body.segments]
-    return build_columns(body, fields, slope_load, patched)
+        return _planar_columns(body, unit_directions(parts.angles), slope_load)
+    return _line_columns(parts, body, slope_load, patched)
+
+
+def _line_columns(parts: SceneParts, body: Body, slope_load: np.ndarray | None, patched: bool) -> Columns:
+    """Build the command layout of a body on a line."""
+    strain = parts.drive is not None and parts.drive.wave is not None
+    wave = parts.drive is not None and parts.drive.friction_wave is not None
+    varies = [wave or any(isinstance(value, TablePart) for value in s.friction.sides) for s in parts.body.segments]
+    segments = tuple(
+        (s.name, s.elements if strain else 1, s.elements + 1 if friction else 1)
+        for s, friction in zip(body.segments, varies, strict=True)
+    )
+    links, contacts = body.link_springs.size, body.isolated.size
+    sides = 2 if slope_load is None else 3
+    index = np.zeros(body.springs + sides * body.contacts, dtype=np.int64)
+    factor = np.ones(index.size)
+    index[body.link_springs] = np.arange(links)
+    column = links
+    for segment, (_, size, _) in zip(body.segments, segments, strict=True):
+        index[segment.springs] = column + np.arange(segment.elements) % size
+        factor[segment.springs] = segment.element
+        column += size
+    for first in (body.springs, body.springs + body.contacts):
+        index[first + body.isolated] = column + np.arange(contacts)
+        column += contacts
+        for segment, (_, _, size) in zip(body.segments, segments, strict=True):
+            places = np.arange(segment.first, segment.last + 1)
+            index[first + places] = column + np.arange(places.size) % size
+            factor[first + places] = body.ground[places]
+            column += size
+    if slope_load is not None:
+        first = body.springs + 2 * body.contacts
+        index[first + body.isolated] = column + np.arange(contacts)
+        for k, segment in enumerate(body.segments):
+            places = np.arange(segment.first, segment.last + 1)
+            index[first + places] = column + contacts + k
+            factor[first + places] = body.ground[places]
+    return Columns(links, contacts, segments, None, index, factor, slope_load, patched=patched)
+
+
+def _planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray | None) -> Columns:
+    """Build the command layout of a body in the plane; a row equals its target but for the load of the slope."""
+    turns = body.turning is not None
+    sides = len(SIDES) if turns else directions.shape[0]
+    size = body.lengths + body.contacts * (max(sides, 1) + (0 if slope_load is None else 2))
+    joints = body.lengths - body.springs if turns else None
+    index, factor = np.arange(size), np.ones(size)
+    return Columns(body.springs, body.contacts, (), sides, index, factor, slope_load, directions, joints=joints)
 
 
 def _loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
