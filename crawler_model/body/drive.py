@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import frozen, refuse
-from ..errors import SceneError
+from ..arrays import frozen
 from .columns import Columns
 
 NS = 1_000_000_000
@@ -176,84 +174,6 @@ class Drive:
         return vertex_ns, np.ascontiguousarray(targets), at, way_rows
 
 
-def build_waypoints(
-    times: np.ndarray,
-    period: Any,
-    rows: np.ndarray,
-    columns: Columns,
-    doubts: np.ndarray | None = None,
-) -> Drive:
-    """Build a drive from waypoints and check them.
-
-    Args:
-        times: shape (W,), for variations (M, W), increasing from 0 [s].
-        period: >= the last time, shape (M, 1) for variations [s], or None.
-        rows: command rows, shape (W, C), for variations (M, W, C).
-        columns: layout of a row.
-        doubts: of variations, as for `refuse`.
-
-    Returns:
-        The drive, with read-only arrays.
-
-    Raises:
-        SceneError: if a time, row or column is invalid; the message names the first one.
-    """
-    if times.size == 0:
-        raise SceneError("drive.times: the first time must be 0")
-    _check_times(times, period, doubts)
-    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
-
-    def negative(row: int, i: int) -> str:
-        name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
-        return f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0"
-
-    def open_end(i: int) -> str:
-        return (
-            f"drive.{columns.kind(i)}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} "
-            f"and the first {rows[0, i]:g}; a drive with a period must end as it begins"
-        )
-
-    refuse(~(rows[..., frictions] >= 0.0), 2, negative, doubts)
-    if period is not None:
-        closes = np.atleast_1d(period) == times[..., -1:]
-        refuse(closes & (rows[..., 0, :] != rows[..., -1, :]), 1, open_end, doubts)
-    drive = Drive(frozen(times), period, frozen(rows), columns)
-    if doubts is not None and columns.loads and not columns.patched:
-        doubts |= columns.lacks_equilibrium(drive.targets).any(axis=(0, -1))
-    for row, target in enumerate(drive.targets if columns.loads and doubts is None else ()):
-        columns.check_equilibrium(target, f"drive: row {row}", SceneError)
-    return drive
-
-
-def _check_times(times: np.ndarray, period: Any, doubts: np.ndarray | None) -> None:
-    ns = np.rint(times * NS)
-    refuse(times[..., :1] != 0.0, 1, lambda _: "drive.times: the first time must be 0", doubts)
-
-    def out_of_order(i: int) -> str:
-        return (
-            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
-            "waypoints are at least a nanosecond apart"
-        )
-
-    refuse(np.diff(ns) < 1.0, 1, out_of_order, doubts)
-    if period is None:
-        return
-    end, last = np.atleast_1d(period), times[..., -1:]
-    refuse(~(end * NS >= 1.0), 1, lambda _: f"drive.period: {period:g} s; it must be at least 1e-9 s", doubts)
-    refuse(
-        end < last,
-        1,
-        lambda _: f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s",
-        doubts,
-    )
-    refuse(
-        (end > last) & (np.rint(end * NS) - ns[..., -1:] < 1.0),
-        1,
-        lambda _: f"drive.period: {period!r} s is less than a nanosecond after the last waypoint",
-        doubts,
-    )
-
-
 def wave(
     mean: ArrayLike, amplitude: ArrayLike, wavelength: ArrayLike, phase: np.ndarray, position: np.ndarray
 ) -> np.ndarray:
@@ -299,16 +219,3 @@ def strategy_waypoints(
     times = np.array([0.0, 0.25, 0.5, 0.75, 1.0]) * period
     actuation = np.asarray(length)[..., None] * np.array([[0.0], [0.5], [1.0], [0.5], [0.0]])
     return times, actuation, np.asarray(friction)[..., None] * np.column_stack((first[strategy], second[strategy]))
-
-
-def merge_times(*grids: np.ndarray) -> np.ndarray:
-    """Merge the waypoint times of several waves with the same period.
-
-    Args:
-        grids: times of each wave, shape (W_i,) [s].
-
-    Returns:
-        All times; times less than a nanosecond apart are merged, shape (W,) [s].
-    """
-    times = np.unique(np.concatenate(grids))
-    return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import frozen, join, read_numbers, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.drive import Drive, build_waypoints, merge_times, strategy_waypoints, wave
+from ..body.drive import NS, Drive, strategy_waypoints, wave
 from ..body.turning import SIDES, check_sides
 from ..errors import SceneError
 from .assemble_friction import planar_loads
@@ -40,7 +40,7 @@ def assemble_drive(
     if part is None:
         rows = join((np.zeros(columns.lengths), friction))[..., None, :]
         if doubts is not None:
-            return build_waypoints(np.zeros(1), None, rows, columns, doubts)
+            return _build_waypoints(np.zeros(1), None, rows, columns, doubts)
         drive = Drive(frozen([0.0]), None, frozen(rows), columns)
         columns.check_equilibrium(drive.targets[0], "scene", SceneError)
         return drive
@@ -63,7 +63,7 @@ def assemble_drive(
         sides = read(part.friction, count, body, columns)
     if part.loads is not None:
         loads = _load_rows(part.loads, count, body, columns)
-    return build_waypoints(times, part.period, join((actuation, sides, loads)), columns, doubts)
+    return _build_waypoints(times, part.period, join((actuation, sides, loads)), columns, doubts)
 
 
 def _rows(table: Any, rows: int, columns: int, field: str, item: str) -> np.ndarray:
@@ -132,18 +132,12 @@ def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
     return np.array(table).reshape(rows, 2 * links)
 
 
-def _build_strategy(
-    body: Body, columns: Columns, part: DrivePart, friction: np.ndarray, doubts: np.ndarray | None
-) -> Drive:
+def _build_strategy(body: Body, columns: Columns, part: Any, friction: np.ndarray, doubts: np.ndarray | None) -> Drive:
     if (body.isolated.size, body.springs, len(body.segments)) != (2, 1, 0):
         raise SceneError(f"drive.strategy: strategies need 2 contacts and 1 link; this body has {body.describe()}")
-    assert part.strategy is not None
-    assert part.length is not None
-    assert not isinstance(part.friction, FrictionRowsPart)
-    assert part.friction is not None
     period = 1.0 if part.period is None else part.period
     times, actuation, mu = strategy_waypoints(part.strategy, part.length, part.friction, period)
-    return build_waypoints(
+    return _build_waypoints(
         times, period, join((actuation, mu, mu, friction[..., columns.frictions :])), columns, doubts
     )
 
@@ -155,7 +149,7 @@ def _build_waves(
     period = waves[0].period
     if any(w.period != period for w in waves):
         raise SceneError("drive.friction_wave.period: it must equal that of drive.wave")
-    times = merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
+    times = _merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
     actuation = np.zeros((times.size, columns.lengths))
     sides, loads = friction[..., : columns.frictions], friction[..., columns.frictions :]
@@ -177,7 +171,13 @@ def _build_waves(
         places = np.concatenate([body.position[body.isolated], *(body.position[s.contacts] for s in body.segments)])
         mu = np.maximum(_sampled(w, times, places), 0.0)
         sides = join((mu, mu))
-    return build_waypoints(times, period, join((actuation, sides, loads)), columns, doubts)
+    return _build_waypoints(times, period, join((actuation, sides, loads)), columns, doubts)
+
+
+def _merge_times(*grids: np.ndarray) -> np.ndarray:
+    """Merge the waypoint times of several waves [s]; times less than a nanosecond apart are merged."""
+    times = np.unique(np.concatenate(grids))
+    return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]
 
 
 def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -191,3 +191,66 @@ def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarra
     rest[rest < 1e-8] = 0.0  # exactly on a sample
     first, last = values[..., before, :], values[..., after, :]
     return np.asarray(first + rest[:, None] * (last - first))
+
+
+def _build_waypoints(
+    times: np.ndarray, period: Any, rows: np.ndarray, columns: Columns, doubts: np.ndarray | None
+) -> Drive:
+    """Build a drive from waypoints and check them; the message of an error names the first invalid one.
+
+    Times have shape (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s].
+    """
+    if times.size == 0:
+        raise SceneError("drive.times: the first time must be 0")
+    _check_times(times, period, doubts)
+    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
+
+    def negative(row: int, i: int) -> str:
+        name, value = columns.names[columns.lengths + i], rows[row, columns.lengths + i]
+        return f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0"
+
+    def open_end(i: int) -> str:
+        return (
+            f"drive.{columns.kind(i)}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} "
+            f"and the first {rows[0, i]:g}; a drive with a period must end as it begins"
+        )
+
+    refuse(~(rows[..., frictions] >= 0.0), 2, negative, doubts)
+    if period is not None:
+        closes = np.atleast_1d(period) == times[..., -1:]
+        refuse(closes & (rows[..., 0, :] != rows[..., -1, :]), 1, open_end, doubts)
+    drive = Drive(frozen(times), period, frozen(rows), columns)
+    if doubts is not None and columns.loads and not columns.patched:
+        doubts |= columns.lacks_equilibrium(drive.targets).any(axis=(0, -1))
+    for row, target in enumerate(drive.targets if columns.loads and doubts is None else ()):
+        columns.check_equilibrium(target, f"drive: row {row}", SceneError)
+    return drive
+
+
+def _check_times(times: np.ndarray, period: Any, doubts: np.ndarray | None) -> None:
+    ns = np.rint(times * NS)
+    refuse(times[..., :1] != 0.0, 1, lambda _: "drive.times: the first time must be 0", doubts)
+
+    def out_of_order(i: int) -> str:
+        return (
+            f"drive.times: entry {i + 1} ({times[i + 1]:g} s) does not come after entry {i} ({times[i]:g} s); "
+            "waypoints are at least a nanosecond apart"
+        )
+
+    refuse(np.diff(ns) < 1.0, 1, out_of_order, doubts)
+    if period is None:
+        return
+    end, last = np.atleast_1d(period), times[..., -1:]
+    refuse(~(end * NS >= 1.0), 1, lambda _: f"drive.period: {period:g} s; it must be at least 1e-9 s", doubts)
+    refuse(
+        end < last,
+        1,
+        lambda _: f"drive.period: {period:g} s ends before the last waypoint at {times[-1]:g} s",
+        doubts,
+    )
+    refuse(
+        (end > last) & (np.rint(end * NS) - ns[..., -1:] < 1.0),
+        1,
+        lambda _: f"drive.period: {period!r} s is less than a nanosecond after the last waypoint",
+        doubts,
+    )
