@@ -113,9 +113,8 @@ def planar_friction(parts: SceneParts) -> np.ndarray:
     assert parts.friction is not None
     friction = parts.friction.given
     if friction.directions is None:
-        return _not_negative(spread(friction.isotropic or 0.0, n, "friction.isotropic", "contact"), "isotropic")[
-            :, None
-        ]
+        mu = spread(friction.isotropic or 0.0, n, "friction.isotropic", "contact")
+        return _not_negative(mu, "isotropic")[:, None]
     m = len(friction.directions)
     value = friction.value if isinstance(friction.value, tuple) else (friction.value,) * m
     if value and isinstance(value[0], tuple):

@@ -111,30 +111,26 @@ def explain_friction(value: Any) -> Any:
     return value
 
 
-def _check_one_way(part: Any) -> None:
-    forward, backward, left, right = (getattr(part, name, None) is not None for name in SIDES)
-    if left != right:
-        raise ValueError("give both `left` and `right`, or neither")
-    if left and not (forward and backward):
-        raise ValueError("give `forward`, `backward`, `left` and `right` together, or `isotropic` alone")
-    if forward != backward or forward == (part.isotropic is not None):
-        raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
-
-
 class _Friction(Part):
     """Base of friction by sides, in some parts also by directions or as coefficients."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> _Friction:
         directions, value, coefficient = (getattr(self, name, None) for name in ("directions", "value", "coefficient"))
-        by_sides = any(getattr(self, name, None) is not None for name in (*SIDES, "isotropic"))
+        given = [getattr(self, name, None) is not None for name in (*SIDES, "isotropic")]
+        forward, backward, left, right, isotropic = given
         if directions is not None or value is not None:
-            if directions is None or value is None or by_sides or coefficient is not None:
+            if directions is None or value is None or any(given) or coefficient is not None:
                 raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
-        elif coefficient is None:
-            _check_one_way(self)
-        elif by_sides:
-            raise ValueError("give `coefficient`, or forces, not both")
+        elif coefficient is not None:
+            if any(given):
+                raise ValueError("give `coefficient`, or forces, not both")
+        elif left != right:
+            raise ValueError("give both `left` and `right`, or neither")
+        elif left and not (forward and backward):
+            raise ValueError("give `forward`, `backward`, `left` and `right` together, or `isotropic` alone")
+        elif forward != backward or forward == isotropic:
+            raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
         return self
 
     @property

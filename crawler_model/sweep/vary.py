@@ -58,7 +58,11 @@ class Variations(Sequence[Scene]):
             known = ("paths", "pinned", "_template", "_changed")
             part.__dict__.update({name: self.__dict__[name] for name in known if name in self.__dict__})
             return part
-        return self._scene(at)
+        document = self.document(at)
+        if self.base.body.turning is None and all(keeps_mesh(path) for path in self.paths):
+            with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
+                return self._scene_with_same_body(document)
+        return Scene.model_validate(document)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as a document and numbers."""
@@ -123,13 +127,6 @@ class Variations(Sequence[Scene]):
     @functools.cached_property
     def _changed(self) -> tuple[str, ...]:
         return tuple(sorted({str(path[0]) for path in self.paths}))
-
-    def _scene(self, at: int) -> Scene:
-        document = self.document(at)
-        if self.base.body.turning is None and all(keeps_mesh(path) for path in self.paths):
-            with contextlib.suppress(ValueError):  # validated again as a whole for a message that names the field
-                return self._scene_with_same_body(document)
-        return Scene.model_validate(document)
 
     def _scene_with_same_body(self, document: dict[str, Any]) -> Scene:
         """Build a scene with the body of the base, which saves half of the work."""
