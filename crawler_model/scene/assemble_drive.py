@@ -119,7 +119,7 @@ def _load_rows(table: Any, rows: int, body: Body, columns: Columns) -> np.ndarra
 
 def _planar_rows(table: Any, rows: int, links: int) -> np.ndarray:
     if not isinstance(table, tuple) or len(table) != rows:
-        count = len(table) if isinstance(table, tuple) else 1
+        count = len(table) if isinstance(table, tuple) else 0
         raise SceneError(f"drive.actuation: {count} row(s) for {rows} time(s); give one row per time")
     for i, row in enumerate(table):
         entries = row if isinstance(row, tuple) else (row,)

@@ -113,7 +113,7 @@ def planar_friction(parts: SceneParts) -> np.ndarray:
     assert parts.friction is not None
     friction = parts.friction.given
     if friction.directions is None:
-        mu = spread(friction.isotropic or 0.0, n, "friction.isotropic", "contact")
+        mu = spread(friction.isotropic, n, "friction.isotropic", "contact")
         return _not_negative(mu, "isotropic")[:, None]
     m = len(friction.directions)
     value = friction.value if isinstance(friction.value, tuple) else (friction.value,) * m
@@ -193,7 +193,8 @@ def assemble_friction(
         planar = planar_friction(parts) if body.turning is None else turning_friction(parts)
         if _has_coefficient(parts.friction):
             planar = planar * press[:, None]
-        loads = planar_loads(parts.loads or 0.0, body.contacts, "loads") if columns.loads else np.zeros(0)
+        given = 0.0 if parts.loads is None else parts.loads
+        loads = planar_loads(given, body.contacts, "loads") if columns.loads else np.zeros(0)
         return np.concatenate((planar.ravel(), loads))
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
     if parts.angles:
