@@ -7,14 +7,13 @@ A point that sticks takes the derivative of its place along.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ..compiled import inner, lean
 from ..motion.plane.elastic import pull, stretch, stretch_link, turn_joint
-from ..motion.plane.frame import columns_of, friction_of
+from ..motion.plane.frame import columns_of, friction_of, norm
 from ..motion.plane.friction import axis_of, linearise
 from ..motion.plane.polygon import corner_of, nearest_face
 from ..motion.plane.stage import find_step
@@ -35,7 +34,7 @@ class Rates(NamedTuple):
 
 
 @lean
-def _stretch_rate(frame, command, x, spring, rate, slope):
+def _stretch_rate(frame, command, x, spring, rate):
     """Compute how a length, a component of a length, or an angle changes with places that change by `rate`."""
     links = frame.ends.shape[0]
     if frame.vector:
@@ -45,7 +44,7 @@ def _stretch_rate(frame, command, x, spring, rate, slope):
         a, b = frame.ends[spring]
         _, _, e0, e1 = stretch_link(frame, command, x, spring)
         return e0 * (rate[b, 0] - rate[a, 0]) + e1 * (rate[b, 1] - rate[a, 1])
-    turn_joint(frame, command, x, spring - links, slope)
+    _, _, slope = turn_joint(frame, command, x, spring - links)
     total = 0.0
     for k in range(3):
         i = frame.joints[spring - links, k]
@@ -69,11 +68,10 @@ def _add_force(frame, command, x, spring, tension, force):
     force[b, 1] -= tension * e1
 
 
-@inner
+@lean
 def _force_rate(frame, rates, commands, x, p, force):
     """Compute how the force on each point changes with a parameter while no point moves, shape (N, 2)."""
     command, d_command = commands
-    slope = np.empty(6)
     links = frame.ends.shape[0]
     loads = frame.stiffness.shape[0] + columns_of(frame) * x.shape[0]
     for i in range(x.shape[0]):
@@ -83,11 +81,12 @@ def _force_rate(frame, rates, commands, x, p, force):
         stiffness = frame.stiffness[k]
         if rates.stiffness[k, p] == 0.0 and rates.rest[k, p] == 0.0 and d_command[k, p] == 0.0:
             continue
-        change = rates.stiffness[k, p] * (stretch(frame, command, x, k, slope)[0] / stiffness)
+        change = rates.stiffness[k, p] * (stretch(frame, command, x, k)[0] / stiffness)
         change -= stiffness * (rates.rest[k, p] + d_command[k, p])
         if frame.vector or k < links:
             _add_force(frame, command, x, k, change, force)
             continue
+        _, _, slope = turn_joint(frame, command, x, k - links)
         for q in range(3):
             i = frame.joints[k - links, q]
             force[i, 0] -= change * slope[2 * q]
@@ -138,7 +137,7 @@ def _miss_rate(frame, commands, state, turn, i):
         dz1 += rho * change[left] * w1
     z0 = u0 + r0 * w0
     z1 = u1 + r1 * w1
-    length = math.hypot(z0, z1)
+    length = norm(z0, z1)
     across = (z0 * dz1 - z1 * dz0) / (length * length * length)
     return du0 + across * z1 + rows[i, 10] * turn, du1 - across * z0 + rows[i, 11] * turn
 
@@ -202,7 +201,6 @@ def work_rate(frame, rates, before, after, x, place, work):
         work: added to, shape (P,).
     """
     n, _, columns = place.shape
-    slope = np.empty(6)
     rate = np.empty((n, 2))
     for p in range(columns):
         for i in range(n):
@@ -214,8 +212,8 @@ def work_rate(frame, rates, before, after, x, place, work):
             if change == 0.0 and d_change == 0.0:
                 continue
             stiffness = frame.stiffness[k]
-            tension, _ = stretch(frame, before[0], x, k, slope)
-            lengthens = _stretch_rate(frame, before[0], x, k, rate, slope) - rates.rest[k, p] - before[1][k, p]
+            tension, _ = stretch(frame, before[0], x, k)
+            lengthens = _stretch_rate(frame, before[0], x, k, rate) - rates.rest[k, p] - before[1][k, p]
             middle = tension - 0.5 * stiffness * change
             d_middle = rates.stiffness[k, p] * (middle / stiffness) + stiffness * (lengthens - 0.5 * d_change)
             work[p] -= 0.5 * (middle * d_change + d_middle * change)

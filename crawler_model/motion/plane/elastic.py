@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, inner, lean
+from ...compiled import entry, lean
 from .frame import load_of, norm, span, unwind
 
 _POINT = 1e-9
@@ -29,14 +29,12 @@ def stretch_link(frame, command, x, s):
 
 
 @lean
-def turn_joint(frame, command, x, j, slope):
+def turn_joint(frame, command, x, j):
     """Compute the torque of a joint and the derivative of its angle.
 
-    Args:
-        slope: output: derivative of the angle by the positions of a, b, c, shape (6,) [rad/m].
-
     Returns:
-        The torque [N m] and the angle, between -pi and pi of its rest value [rad].
+        The torque [N m]; the angle, between -pi and pi of its rest value [rad]; and its derivative by the positions of
+        a, b, c, six components [rad/m].
     """
     a = frame.joints[j, 0]
     b = frame.joints[j, 1]
@@ -45,25 +43,22 @@ def turn_joint(frame, command, x, j, slope):
     v0, v1 = span(frame, x, b, c)
     uu = u0 * u0 + u1 * u1
     vv = v0 * v0 + v1 * v1
-    slope[0] = -u1 / uu
-    slope[1] = u0 / uu
-    slope[4] = -v1 / vv
-    slope[5] = v0 / vv
-    slope[2] = -slope[0] - slope[4]
-    slope[3] = -slope[1] - slope[5]
+    a0 = -u1 / uu
+    a1 = u0 / uu
+    c0 = -v1 / vv
+    c1 = v0 / vv
     k = frame.ends.shape[0] + j
     rest = frame.rest[k] + command[k]
     away = unwind(math.atan2(u0 * v1 - u1 * v0, u0 * v0 + u1 * v1) - rest)
-    return frame.stiffness[k] * away, rest + away
+    return frame.stiffness[k] * away, rest + away, (a0, a1, -a0 - c0, -a1 - c1, c0, c1)
 
 
 @lean
-def stretch(frame, command, x, k, slope):
+def stretch(frame, command, x, k):
     """Compute the state of a link, of a component of a vector spring, or of a joint.
 
     Args:
         k: its place in `frame.stiffness`.
-        slope: output, of a joint, as in `turn_joint`, shape (6,) [rad/m].
 
     Returns:
         Its tension [N] or torque [N m], and its elongation [m] or change of angle [rad] since the reference shape.
@@ -75,11 +70,11 @@ def stretch(frame, command, x, k, slope):
     if k < links:
         tension, length, _, _ = stretch_link(frame, command, x, k)
         return tension, length - frame.rest[k]
-    torque, angle = turn_joint(frame, command, x, k - links, slope)
+    torque, angle, _ = turn_joint(frame, command, x, k - links)
     return torque, angle - frame.rest[k]
 
 
-@compiled
+@entry
 def pull(frame, command, x, force, size):
     """Compute the force that friction balances on each point: that of links, joints and loads.
 
@@ -92,12 +87,11 @@ def pull(frame, command, x, force, size):
         for c in range(2):
             force[i, c] = load_of(frame, command, i, c)
         size[i] = norm(force[i, 0], force[i, 1])
-    slope = np.empty(6)
     for s in range(frame.ends.shape[0]):
         a, b = frame.ends[s]
         if frame.vector:
             for c in range(2):
-                tension, _ = stretch(frame, command, x, 2 * s + c, slope)
+                tension, _ = stretch(frame, command, x, 2 * s + c)
                 force[a, c] += tension
                 force[b, c] -= tension
                 large = frame.stiffness[2 * s + c] * (abs(x[a, c]) + abs(x[b, c]) + abs(command[2 * s + c]))
@@ -112,7 +106,7 @@ def pull(frame, command, x, force, size):
         size[a] += frame.stiffness[s] * length
         size[b] += frame.stiffness[s] * length
     for j in range(frame.joints.shape[0]):
-        torque, angle = turn_joint(frame, command, x, j, slope)
+        torque, angle, slope = turn_joint(frame, command, x, j)
         for k in range(3):
             i = frame.joints[j, k]
             force[i, 0] -= torque * slope[2 * k]
@@ -121,7 +115,7 @@ def pull(frame, command, x, force, size):
             size[i] += large * norm(slope[2 * k], slope[2 * k + 1])
 
 
-@inner
+@lean
 def energy_of(frame, command, x):
     """Compute the energy of links and joints.
 
@@ -129,9 +123,8 @@ def energy_of(frame, command, x):
         The energy [J].
     """
     total = 0.0
-    slope = np.empty(6)
     for k in range(frame.stiffness.shape[0]):
-        tension, _ = stretch(frame, command, x, k, slope)
+        tension, _ = stretch(frame, command, x, k)
         total += 0.5 * tension * tension / frame.stiffness[k]
     return total
 
@@ -141,7 +134,7 @@ def stiffen_link(frame, command, x, s, block):
     """Compute the second derivative of the energy of a link by the position of b; that by a and b is its negative.
 
     Args:
-        block: output, shape (2, 2) [N/m].
+        block: output, in its first two rows and columns [N/m].
     """
     if frame.vector:
         block[0, 0] = block[1, 1] = frame.stiffness[2 * s]
@@ -156,7 +149,7 @@ def stiffen_link(frame, command, x, s, block):
     block[1, 1] = across + along * e1 * e1
 
 
-@inner
+@lean
 def stiffen_joint(frame, command, x, j, block):
     """Compute the second derivative of the energy of a joint by the positions of a, b, c.
 
@@ -165,8 +158,7 @@ def stiffen_joint(frame, command, x, j, block):
     Args:
         block: output, shape (6, 6) [N/m].
     """
-    slope = np.empty(6)
-    torque, _ = turn_joint(frame, command, x, j, slope)
+    torque, _, slope = turn_joint(frame, command, x, j)
     k = frame.stiffness[frame.ends.shape[0] + j]
     for p in range(6):
         for q in range(6):
@@ -188,7 +180,7 @@ def stiffen_joint(frame, command, x, j, block):
                 block[at + 1, by + 1] -= side * xx
 
 
-@compiled
+@entry
 def strain(frame, command, x, found):
     """Compute the state of all links and joints.
 
@@ -196,6 +188,5 @@ def strain(frame, command, x, found):
         found: output: tensions [N] and torques [N m]; elongations [m] and changes of angles [rad] since the reference
             shape, shape (2, S + J); of vector springs both components, shape (2, 2 S).
     """
-    slope = np.empty(6)
     for k in range(frame.stiffness.shape[0]):
-        found[0, k], found[1, k] = stretch(frame, command, x, k, slope)
+        found[0, k], found[1, k] = stretch(frame, command, x, k)

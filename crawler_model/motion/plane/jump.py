@@ -96,10 +96,9 @@ def jump(frame, state, target, part, moved, account):
     n = x.shape[0]
     now = np.empty(command.shape[0])
     command_at(command, target, part, now)
-    slope = np.empty(6)
     force = np.empty((n, 2))
     before = energy_of(frame, command, x)
-    work = work_of(frame, x, command, now, slope)
+    work = work_of(frame, x, command, now)
     base = x.copy()
     start = np.empty((n, 2))
     path = moved.copy()

@@ -78,13 +78,11 @@ def _reach_of(frame, place):
     return 2 * apart + 1
 
 
-@inner
-def _assemble(frame, command, x, eta, system):
-    """Write the matrix and the right side of a Newton step."""
+@lean
+def _assemble(frame, command, x, eta, system, block):
+    """Write the matrix and the right side of a Newton step; `block` is memory, shape (6, 6)."""
     rows, place, jump, band, right, reach = system
     middle = 2 * reach
-    block = np.empty((2, 2))
-    whole = np.empty((6, 6))
     for i in range(x.shape[0]):
         if place[i] < 0:
             continue
@@ -125,12 +123,12 @@ def _assemble(frame, command, x, eta, system):
         points = frame.joints[j]
         if place[points[0]] < 0 and place[points[1]] < 0 and place[points[2]] < 0:
             continue
-        stiffen_joint(frame, command, x, j, whole)
+        stiffen_joint(frame, command, x, j, block)
         for p in range(3):
             if place[points[p]] < 0:
                 continue
             for q in range(3):
-                _join(system, points[p], points[q], whole, (2 * p, 2 * q), 1.0)
+                _join(system, points[p], points[q], block, (2 * p, 2 * q), 1.0)
 
 
 @inner
@@ -156,7 +154,7 @@ def find_step(frame, command, x, rows, step, eta):
     reach = min(_reach_of(frame, place), 2 * count - 1)
     band = np.zeros((2 * count, 3 * reach + 1))
     right = np.empty(2 * count)
-    _assemble(frame, command, x, eta, (rows, place, step, band, right, reach))
+    _assemble(frame, command, x, eta, (rows, place, step, band, right, reach), np.empty((6, 6)))
     pivot = solve_band(band, reach, right)
     for i in range(n):
         if place[i] >= 0:

@@ -49,13 +49,12 @@ def command_at(command, target, part, now):
 
 
 @lean
-def work_of(frame, x, before, after, slope):
+def work_of(frame, x, before, after):
     """Compute the work of the actuators while the body does not move.
 
     Args:
         before: the command before, shape (C,).
         after: the command after, shape (C,).
-        slope: memory, shape (6,).
 
     Returns:
         Minus each tension and torque, in the middle of the change, times the change [J].
@@ -64,7 +63,7 @@ def work_of(frame, x, before, after, slope):
     for k in range(frame.stiffness.shape[0]):
         change = after[k] - before[k]
         if change != 0.0:
-            tension, _ = stretch(frame, before, x, k, slope)
+            tension, _ = stretch(frame, before, x, k)
             total -= (tension - 0.5 * frame.stiffness[k] * change) * change
     return total
 
@@ -89,7 +88,6 @@ def walk(frame, way, parts, step, total, slid):
     base = start.copy()
     x = np.empty((n, 2))
     force = np.empty((n, 2))
-    slope = np.empty(6)
     before = command.copy()
     now = np.empty(command.shape[0])
     middle = np.empty(command.shape[0])
@@ -109,7 +107,7 @@ def walk(frame, way, parts, step, total, slid):
             if determined and not regular:
                 regular = stay(base, step, x)
         unique = unique and regular
-        work = 0.5 * (work_of(frame, base, before, now, slope) + work_of(frame, x, before, now, slope))
+        work = 0.5 * (work_of(frame, base, before, now) + work_of(frame, x, before, now))
         command_at(before, now, 0.5, middle)
         for i in range(n):
             step[i, 0] = x[i, 0] - base[i, 0]
