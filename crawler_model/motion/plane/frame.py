@@ -150,7 +150,7 @@ def unwind(angle):
     Returns:
         The angle between -pi and pi [rad].
     """
-    return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
+    return angle - 2.0 * math.pi * np.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @lean
