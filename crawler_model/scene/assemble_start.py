@@ -65,7 +65,7 @@ def relax_loaded(assembly: Assembly) -> Assembly:
 
     A contact whose load exceeds its own friction must be held by springs. The tensions are then those of least elastic
     energy within the bounds, in which the body ends if it is put down without tension and the loads are applied in one
-    catch-up step.
+    catch-up step. On patches the bounds are those of the ground where contacts are without tension.
 
     Args:
         assembly: the assembly of a scene with `start: relaxed`.
@@ -74,35 +74,34 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         The assembly with that start, or itself if no contact needs springs, or in the plane. Of variations, those that
         need it get another start.
     """
-    drive, body = assembly.drive, assembly.body
+    body = assembly.body
     if assembly.parts.start != "relaxed" or body.dimension == 2:
         return assembly
     if body.bends and not body.is_chain:
-        free = drive.targets[0].copy()
-        free[body.springs :] = 0.0
-        x = _step_to(assembly, drive.targets[0], free)
+        grip = np.ones(2 * body.contacts)
+        x = _step_to(assembly, grip, 0.0 * grip)
         assembly = dataclasses.replace(assembly, start_displacement=frozen(x - x[0]))
-    if not assembly.columns.loads:
-        return assembly
-    held = ((drive.forward[..., 0, :] < 0.0) | (drive.backward[..., 0, :] < 0.0)).any(axis=-1)
-    if not held.any():
+    forward, backward, load = _bounds_at_start(assembly)
+    held = ((forward < 0.0) | (backward < 0.0)).any(axis=-1)
+    if not held.any() or (forward + backward < 0.0).any():
         return assembly
     if held.ndim:
         start = np.broadcast_to(assembly.start_displacement, (held.size, assembly.body.contacts)).copy()
         for at in np.flatnonzero(held):
             start[at] = relax_loaded(assembly.variation(int(at))).start_displacement
         return dataclasses.replace(assembly, start_displacement=frozen(start))
-    load = drive.loads[0]
-    free = np.concatenate((drive.actuation[0], drive.forward[0] + load, drive.backward[0] - load, 0.0 * load))
-    return dataclasses.replace(assembly, start_displacement=frozen(_step_to(assembly, free, drive.targets[0])))
+    x = _step_to(assembly, np.concatenate((forward + load, backward - load)), np.concatenate((forward, backward)))
+    return dataclasses.replace(assembly, start_displacement=frozen(x))
 
 
-def _step_to(assembly: Assembly, before: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Compute where a body ends in one catch-up step from its start, shape (N,) [m]."""
+def _step_to(assembly: Assembly, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Compute where a body ends if its bounds change in one catch-up step, shape (N,) [m]; patches have no effect."""
     from ..crawler.crawler import Crawler  # most scenes are loaded without kernels
 
-    crawler = Crawler(assembly, "catch_up").placed(assembly.start_displacement, before)
-    crawler.follow(target[None])
+    even = dataclasses.replace(assembly, ground=dataclasses.replace(assembly.ground, track=None))
+    commands = [np.concatenate((assembly.drive.actuation[0], bounds)) for bounds in (before, after)]
+    crawler = Crawler(even, "catch_up").placed(assembly.start_displacement, commands[0])
+    crawler.follow(commands[1][None])
     return crawler.displacement
 
 
@@ -123,7 +122,7 @@ def check_start(assembly: Assembly) -> None:
         _check_planar_start(assembly)
         return
     force, margins, excess = _forces_at_start(assembly)
-    forward, backward = _bounds_at_start(assembly)
+    forward, backward, load = _bounds_at_start(assembly)
     worst = int(np.argmin(excess))
     if excess[worst] >= 0.0:
         return
@@ -135,11 +134,13 @@ def check_start(assembly: Assembly) -> None:
     g = force[worst]
     ahead = forward[worst] - g < g + backward[worst]
     bound, side = (forward[worst], "forward") if ahead else (backward[worst], "backward")
-    if assembly.columns.loads and drive.loads[0, worst] != 0.0:
+    if load[worst] != 0.0:
+        proposal = "write `start: relaxed` for the least tensions that hold the loads"
+        if assembly.parts.start == "relaxed":
+            proposal = "the least tensions that hold the loads lead onto other ground: write `start.displacement`"
         raise SceneError(
             f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than the "
-            f"{bound:g} N that its load of {drive.loads[0, worst]:g} N leaves of its {side} friction; write "
-            "`start: relaxed` for the least tensions that hold the loads"
+            f"{bound:g} N that its load of {load[worst]:g} N leaves of its {side} friction; {proposal}"
         )
     proposal = "write `start: relaxed`"
     if any(bend.limits[0] > 0.0 or bend.limits[1] < 0.0 for bend in body.bends):
@@ -171,21 +172,21 @@ def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
     body, x = assembly.body, assembly.start_displacement
     tension = body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :])
     force = body.spring_force(tension)
-    forward, backward = _bounds_at_start(assembly)
+    forward, backward, _ = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)
     ends = np.abs(x)[..., body.ends]
     terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # of which T is left
     return force, margins, margins + _ROUNDING * (body.force_size(terms) + forward + backward)
 
 
-def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the bounds at the start, forward and backward, shape (..., N), of the patches where there are any."""
+def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute forward bounds, backward bounds and loads at the start, on patches those there, shape (..., N)."""
     body, drive, track = assembly.body, assembly.drive, assembly.ground.track
-    if track is None:
-        return drive.forward[..., 0, :], drive.backward[..., 0, :]
-    place = track.find_places(body.position, assembly.start_displacement)
-    forward, backward, _ = track.bounds(drive.targets[0, body.springs :], place)
-    return forward, backward
+    if track is not None:
+        place = track.find_places(body.position, assembly.start_displacement)
+        return track.bounds(drive.targets[0, body.springs :], place)
+    forward, backward = drive.forward[..., 0, :], drive.backward[..., 0, :]
+    return forward, backward, drive.loads[..., 0, :] if assembly.columns.loads else np.zeros_like(forward)
 
 
 def _check_planar_start(assembly: Assembly) -> None:

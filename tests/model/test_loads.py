@@ -203,6 +203,44 @@ def test_a_relaxed_start_that_the_loads_allow_has_no_tension():
     assert not Crawler(start).tension.any()
 
 
+@pytest.mark.parametrize(
+    "ground",
+    [
+        {"slope": 20.0},
+        {"slope": 20.0, "patches": [{"from": 50.0, "to": 51.0, "friction": 0.5}]},
+        {"patches": [{"from": -1.0, "to": 0.5, "slope": 20.0}]},
+    ],
+    ids=["no patch", "a patch far away", "one contact on a steep patch"],
+)
+def test_a_relaxed_start_holds_the_load_of_the_ground_under_a_contact(ground):
+    """The spring carries what exceeds the friction of contact 0."""
+    scene = two([0.1, 3.0], [0.1, 3.0], ground=ground, start="relaxed", body={"weights": [1.0, 0.0]})
+    assert Crawler(scene).tension[0] == pytest.approx(np.sin(np.radians(20.0)) - 0.1, abs=1e-14)
+    assert simulate(scene, 1.0).violation < 1e-14
+
+
+def test_a_relaxed_start_of_a_mesh_with_a_tendon_may_be_on_patches():
+    links = [{"stiffness": 8.0, "between": [0, 1]}, {"stiffness": 5.0, "between": [1, 2]}]
+    links.append({"stiffness": 2.0, "between": [0, 2], "tension": {"least": 0.0}})
+    start = Scene.model_validate(
+        {
+            "name": "mesh",
+            "body": {"contacts": [0.0, 1.0, 2.0], "links": links},
+            "friction": {"forward": 0.5, "backward": 2.0},
+            "ground": {"patches": [{"from": 2.2, "to": 3.0, "friction": 0.5}]},
+            "start": "relaxed",
+            "drive": {"times": [0, 1], "actuation": [[0.2, 0.1, 0.4], [0.0, 0.0, 0.0]]},
+        }
+    )
+    assert start.start_displacement == pytest.approx([0.0, 0.2, 0.3])  # the tendon is slack
+
+
+def test_a_relaxed_start_that_leads_onto_other_ground_is_one_clear_line():
+    ground = {"patches": [{"from": -0.01, "to": 0.5, "slope": 20.0}, {"from": -1.0, "to": -0.01, "slope": 60.0}][::-1]}
+    with pytest.raises(SceneError, match=r"contact 0 .* lead onto other ground: write `start.displacement`"):
+        two([0.1, 3.0], [0.1, 3.0], ground=ground, start="relaxed", body={"weights": [1.0, 0.0]})
+
+
 def test_a_load_without_springs_to_hold_it_is_one_clear_line():
     with pytest.raises(
         SceneError, match=r"contact 0 .* that its load of -1.5 N leaves of its backward friction; write"
