@@ -220,7 +220,7 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
     if png is not None or html is not None:
         from crawler_pictures.identification import draw_identification
 
-        from .page import write_page
+        from .report import write_page
 
         with tempfile.TemporaryDirectory() as folder:
             picture = Path(folder) / "picture.png"

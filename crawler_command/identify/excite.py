@@ -55,7 +55,7 @@ def excite_command(
     """
     from crawler_model import excite, load_scene
 
-    from .report import list_parameters, print_listing
+    from .report import print_parameters
 
     check_output("--out", out, ".yaml", force)
     strokes = parse_bounds("--stroke", stroke or ())
@@ -83,7 +83,7 @@ def excite_command(
             f"{found.scene.name}: {found.duration:g} s, measured at {found.rate:g} Hz with a standard deviation of "
             f"{found.noise:g} m"
         )
-        print_listing(list_parameters(found.parameters, title), screen)
+        print_parameters(found.parameters, title, screen)
         if out is not None:
             screen.print(f"scene: {out}")
     if found.interrupted:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
 from crawler_model import Identification
-from crawler_model.identify.fit.misfit import Misfit
+from crawler_model.identify.fit.misfit import FITS, Misfit
 from crawler_model.identify.judge.explain import Explanation
 from crawler_model.identify.judge.held_out import HeldOut
 from crawler_model.identify.judge.sensors import SensorNumber
@@ -25,10 +28,28 @@ _MOST_NAMED = 4
 """More rows with the same sentence are counted."""
 _SHORTEST = 12
 """Columns of the console that a name has at least."""
+_STYLE = """:root { color-scheme: light dark; --text: #1f2a30; --ground: #fff; --line: #cfd8dc; --bad: #b02a0c }
+@media (prefers-color-scheme: dark) {
+  :root { --text: #dfe5e8; --ground: #14191c; --line: #3a454b; --bad: #ff9b7d }
+}
+body { font: 15px/1.5 sans-serif; max-width: 75rem; margin: 1.5rem auto; padding: 0 1rem;
+  color: var(--text); background: var(--ground) }
+h1 { font-size: 1.4rem; overflow-wrap: anywhere } h2 { font-size: 1.1rem; margin: 1.6rem 0 .4rem }
+p { margin: .3rem 0; overflow-wrap: anywhere } .bad { color: var(--bad); font-weight: bold }
+.scroll { overflow-x: auto }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums }
+th, td { text-align: left; vertical-align: top; padding: .3rem .8rem .3rem 0; border-bottom: 1px solid var(--line);
+  white-space: nowrap }
+td.words { white-space: normal; min-width: 16rem }
+img { display: block; width: 100%; min-width: 45rem; background: #fff }"""
+_PHASES = (
+    "Residuals without outliers; the worst phase as a part of the period of the commands, or of the recording if they "
+    f"do not repeat. Residuals of at most {FITS} times the noise are called noise."
+)
 
 
 @dataclass(frozen=True)
-class Listing:
+class _Listing:
     """A table as text.
 
     Attributes:
@@ -46,48 +67,25 @@ class Listing:
         """Which columns contain sentences."""
         return tuple(head in _WORDS for head in self.heads)
 
-    def without(self, *heads: str) -> Listing:
-        """Leave out columns.
-
-        Args:
-            heads: their heads.
-
-        Returns:
-            The table with all others.
-        """
+    def without(self, heads: Sequence[str]) -> _Listing:
+        """Leave out columns of some heads."""
         kept = [c for c, head in enumerate(self.heads) if head not in heads]
         rows = tuple(tuple(row[c] for c in kept) for row in self.rows)
-        return Listing(self.title, tuple(self.heads[c] for c in kept), rows)
+        return _Listing(self.title, tuple(self.heads[c] for c in kept), rows)
 
 
-def list_parameters(parameters: Sequence[Parameter], title: str) -> Listing:
-    """List what is known about parameters.
-
-    Args:
-        parameters: the verdicts.
-        title: above the table.
-
-    Returns:
-        A row for each parameter.
-    """
+def _list_parameters(parameters: Sequence[Parameter], title: str) -> _Listing:
+    """List what is known about parameters."""
     rows = []
     for p in parameters:
         ends = ["" if end is None else f"{end:.6g}" for end in p.interval]
         interval = " .. ".join(ends) if any(ends) else ""
         rows.append((p.name, p.verdict, "" if p.value is None else f"{p.value:.6g}", interval, p.why))
-    return Listing(title, ("parameter", "verdict", "value", "95 % interval", "why"), tuple(rows))
+    return _Listing(title, ("parameter", "verdict", "value", "95 % interval", "why"), tuple(rows))
 
 
-def list_sensors(sensors: Sequence[SensorNumber], title: str) -> Listing:
-    """List what is known about sensors.
-
-    Args:
-        sensors: their numbers.
-        title: above the table.
-
-    Returns:
-        A row for each number that is not held at 0.
-    """
+def _list_sensors(sensors: Sequence[SensorNumber], title: str) -> _Listing:
+    """List what is known about sensors: a row for each number that is not held at 0."""
     rows = []
     for one in sensors:
         if one.verdict == "held" and one.value == 0.0:
@@ -96,18 +94,11 @@ def list_sensors(sensors: Sequence[SensorNumber], title: str) -> Listing:
         before = f"{_with_unit(one.name, one.prior.mean)} +- {_with_unit(one.name, one.prior.deviation)}"
         interval = "" if one.verdict == "held" else f"{low} .. {high}"
         rows.append((one.name, one.recording, one.verdict, _with_unit(one.name, one.value), interval, before))
-    return Listing(title, ("sensor", "recording", "verdict", "value", "95 % interval", "before"), tuple(rows))
+    return _Listing(title, ("sensor", "recording", "verdict", "value", "95 % interval", "before"), tuple(rows))
 
 
-def list_misfits(misfits: Sequence[Misfit]) -> Listing:
-    """List how far the model is from each channel.
-
-    Args:
-        misfits: of the channels.
-
-    Returns:
-        A row for each channel; phases as parts of the period of the commands, or of the recording without one.
-    """
+def _list_misfits(misfits: Sequence[Misfit]) -> _Listing:
+    """List how far the model is from each channel; phases are parts of the period, or of the recording without one."""
     rows = []
     for one in misfits:
         size = len(one.phases)
@@ -117,18 +108,11 @@ def list_misfits(misfits: Sequence[Misfit]) -> Listing:
         numbers = (f"{1e3 * one.residual:.3g}", f"{1e3 * one.noise:.3g}", f"{one.ratio:.3g}")
         rows.append((one.recording, one.channel, *numbers, part, phase, since))
     heads = ("recording", "channel", "residual, mm", "noise, mm", "ratio", "of motion", "worst phase", "since, s")
-    return Listing("Residuals", heads, tuple(rows))
+    return _Listing("Residuals", heads, tuple(rows))
 
 
-def list_explanations(explanations: Sequence[Explanation]) -> Listing:
-    """List changes of the model that would explain a misfit.
-
-    Args:
-        explanations: the changes.
-
-    Returns:
-        A row for each change.
-    """
+def _list_explanations(explanations: Sequence[Explanation]) -> _Listing:
+    """List changes of the model that would explain a misfit."""
     rows = [
         (
             f"{100.0 * one.explained:.0f} %",
@@ -137,24 +121,17 @@ def list_explanations(explanations: Sequence[Explanation]) -> Listing:
         )
         for one in explanations
     ]
-    return Listing("What would explain the misfit", ("explains", "change", "would move"), tuple(rows))
+    return _Listing("What would explain the misfit", ("explains", "change", "would move"), tuple(rows))
 
 
-def list_score(score: HeldOut | None) -> Listing:
-    """List how well the rows held out are predicted.
-
-    Args:
-        score: None if no row was held out.
-
-    Returns:
-        One row, or none.
-    """
+def _list_score(score: HeldOut | None) -> _Listing:
+    """List how well the rows held out are predicted: one row, or none if no row was held out."""
     heads = ("residual, mm", "within 95 % bands", "in predicted deviations", "net translation", "largest")
     if score is None:
-        return Listing("Prediction of the rows held out", heads, ())
+        return _Listing("Prediction of the rows held out", heads, ())
     gain = "" if score.gain_error is None else f"{100.0 * score.gain_error:+.1f} %"
     numbers = (f"{1e3 * score.residual:.3g}", f"{100.0 * score.coverage:.0f} %", f"{score.size:.3g}")
-    return Listing("Prediction of the rows held out", heads, ((*numbers, gain, score.worst),))
+    return _Listing("Prediction of the rows held out", heads, ((*numbers, gain, score.worst),))
 
 
 def _with_unit(name: str, value: float) -> str:
@@ -163,15 +140,8 @@ def _with_unit(name: str, value: float) -> str:
     return f"{factor * value:.3g}{unit}"
 
 
-def describe_misfit(found: Identification) -> list[str]:
-    """Describe how far the model is from the measurements.
-
-    Args:
-        found: the identification.
-
-    Returns:
-        One line each.
-    """
+def _describe_misfit(found: Identification) -> list[str]:
+    """Describe how far the model is from the measurements, one line each."""
     out = "" if found.held_out is None else f", held out {1e3 * found.held_out:.3g} mm"
     lines = [f"residuals: fitted {1e3 * found.residual:.3g} mm{out}; noise {1e3 * found.noise:.3g} mm"]
     worst = max(found.misfits, key=lambda one: one.ratio, default=None)
@@ -202,13 +172,8 @@ def _rests_on_gain(found: Identification) -> bool:
     return exact and any(p.name.startswith("friction") and p.verdict == "identified" for p in found.parameters)
 
 
-def print_listing(listing: Listing, console: Console) -> None:
-    """Print a table, with every number whole; on a narrow console sentences follow the table.
-
-    Args:
-        listing: the table.
-        console: the console.
-    """
+def _print_listing(listing: _Listing, console: Console) -> None:
+    """Print a table, with every number whole; on a narrow console sentences follow the table."""
     below = [c for c, words in enumerate(listing.words) if words and console.width < _NARROW]
     table = Table(title=listing.title, title_justify="left")
     least = 1
@@ -234,6 +199,17 @@ def print_listing(listing: Listing, console: Console) -> None:
             console.print(f"{subject}: {sentence}")
 
 
+def print_parameters(parameters: Sequence[Parameter], title: str, console: Console) -> None:
+    """Print what is known about parameters.
+
+    Args:
+        parameters: the verdicts.
+        title: above the table.
+        console: the console.
+    """
+    _print_listing(_list_parameters(parameters, title), console)
+
+
 def print_identification(found: Identification, console: Console) -> None:
     """Print the verdicts, the sensors and the misfit.
 
@@ -243,11 +219,64 @@ def print_identification(found: Identification, console: Console) -> None:
     """
     count = len(found.recordings)
     title = f"{found.scene.name}: {count} recording{'s' if count > 1 else ''}"
-    print_listing(list_parameters(found.parameters, title), console)
+    print_parameters(found.parameters, title, console)
     for name in dict.fromkeys(one.recording for one in found.sensors):
-        sensors = list_sensors([one for one in found.sensors if one.recording == name], f"the measurement: {name}")
+        sensors = _list_sensors([one for one in found.sensors if one.recording == name], f"the measurement: {name}")
         if sensors.rows:
-            print_listing(sensors.without("recording", *(["before"] if console.width < _NARROW else [])), console)
+            left_out = ["recording", "before"] if console.width < _NARROW else ["recording"]
+            _print_listing(sensors.without(left_out), console)
     explained = [f"would explain {100.0 * one.explained:.0f} % of it: {one.what}" for one in found.explanations]
-    for line in (*describe_misfit(found), *explained, *found.warnings):
+    for line in (*_describe_misfit(found), *explained, *found.warnings):
         console.print(line)
+
+
+def write_page(found: Identification, picture: Path, path: Path) -> None:
+    """Write a page that loads nothing from elsewhere.
+
+    Args:
+        found: the identification.
+        picture: its .png file.
+        path: the .html file.
+    """
+    count = len(found.recordings)
+    title = f"{found.scene.name}: identification from {count} recording{'s' if count > 1 else ''}"
+    lines = "".join(
+        f"<p{' class=bad' if line.startswith('the model does not fit') else ''}>{escape(line)}</p>\n"
+        for line in [*_describe_misfit(found), *found.warnings]
+    )
+    misfits = _list_misfits(found.misfits)
+    parts = (
+        _write_table(_list_parameters(found.parameters, "Parameters")),
+        f"<h2>Fit</h2>\n{lines}",
+        _write_table(_list_explanations(found.explanations)),
+        _write_table(_list_score(found.score)),
+        _write_table(_list_sensors(found.sensors, "The measurement")),
+        _write_table(misfits) + (f"<p>{_PHASES}</p>\n" if misfits.rows else ""),
+    )
+    image = base64.b64encode(picture.read_bytes()).decode()
+    path.write_text(
+        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8>\n"
+        f"<meta name=viewport content='width=device-width, initial-scale=1'>\n"
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style></head>\n<body><h1>{escape(title)}</h1>\n"
+        f"{''.join(parts)}<h2>Measured, simulated, and the difference</h2>\n"
+        f"<div class=scroll><img alt='measured and simulated positions, and residuals over time and phase' "
+        f"src='data:image/png;base64,{image}'></div></body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def _write_table(listing: _Listing) -> str:
+    """Write a table with its title; nothing if it has no rows."""
+    if not listing.rows:
+        return ""
+    head = "".join(f"<th scope=col>{escape(name)}</th>" for name in listing.heads)
+    rows = "".join(
+        "<tr>"
+        + "".join(
+            f"<td{' class=words' if words else ''}>{escape(cell)}</td>"
+            for cell, words in zip(row, listing.words, strict=True)
+        )
+        + "</tr>\n"
+        for row in listing.rows
+    )
+    return f"<h2>{escape(listing.title)}</h2>\n<div class=scroll><table><tr>{head}</tr>\n{rows}</table></div>\n"
