@@ -22,7 +22,7 @@ from ..screen import (
     whole_file,
     write_scene,
 )
-from .sensor import parse_sensor
+from .options import SI, parse_columns, parse_sensor, parse_units
 
 if TYPE_CHECKING:
     from crawler_model import Identification, Measurements, Scene
@@ -177,8 +177,6 @@ def _describe_tables(
     recordings: Sequence[Path], columns: Sequence[str] | None, units: str | None, commands: Path | None
 ) -> dict[str, Any]:
     """Parse the options that apply only to tables into arguments of `read_table`."""
-    from .table_options import SI, parse_columns, parse_units
-
     for option, given in (("--columns", columns), ("--units", units), ("--commands", commands)):
         other = next((path for path in recordings if not _is_table(path)), None)
         if given and other is not None:

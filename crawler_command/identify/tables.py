@@ -14,7 +14,7 @@ from crawler_model.identify.measurements import MeasurementError, channel_names
 from crawler_model.scene.scene import Scene
 
 from .cells import MOST_NAMED, Table, open_table, read_numbers
-from .table_options import SI, Units
+from .options import SI, Units
 
 _COMMAND = "command/"
 

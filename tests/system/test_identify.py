@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 from crawler_command.app import main
+from crawler_command.identify.options import parse_columns, parse_units
 from crawler_command.identify.report import print_identification
-from crawler_command.identify.table_options import parse_columns, parse_units
 from crawler_command.identify.tables import read_table
 from crawler_command.screen import Screen
 from crawler_model import Measurements, Scene, identify, load_scene, simulate
