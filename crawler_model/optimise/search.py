@@ -56,7 +56,6 @@ def search(
     begin: list[np.ndarray],
     progress: Callable[[float], None] | None = None,
     rounds: int | None = None,
-    threads: int | None = None,
 ) -> Found:
     """Search the best candidate.
 
@@ -67,14 +66,13 @@ def search(
         begin: points to begin with.
         progress: called with the completed part, in [0, 1].
         rounds: how many rounds without a better gait end the search; None for 12, in the plane 4.
-        threads: number of threads; None for one per core. Nothing depends on it.
 
     Returns:
         What was found; after Ctrl-C the best so far.
     """
     import cma  # takes a second, and is needed only here  # noqa: F401
 
-    run = _Search(space, seed, seconds, progress, rounds, threads)
+    run = _Search(space, seed, seconds, progress, rounds)
     try:
         run.go(begin)
     except KeyboardInterrupt:
@@ -85,7 +83,6 @@ def search(
     if run.found.interrupted and score > -np.inf:
         run.note(point, score, when)
     run.found.evaluations = run.evaluator.evaluations
-    run.found.optima.sort(key=lambda pair: -pair[0])
     return run.found
 
 
@@ -97,12 +94,11 @@ class _Search:
         seconds: float | None,
         progress: Callable[[float], None] | None,
         rounds: int | None,
-        threads: int | None,
     ) -> None:
         rounds = rounds or _STALE_ROUNDS[space.scenes[0].base.dimension]
         self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
-        self.evaluator = Evaluator(space, threads, None if seconds is None else self.over)
+        self.evaluator = Evaluator(space, None if seconds is None else self.over)
         self.began = clock()
         self.progress = progress
         self.part = 0.0

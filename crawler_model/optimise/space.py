@@ -219,12 +219,11 @@ def _mean(values: Sequence[float]) -> float:
 class Evaluator:
     """Computes scores on all cores, and counts them. The scores do not depend on the number of threads."""
 
-    def __init__(self, space: Space, threads: int | None = None, over: Callable[[], bool] | None = None) -> None:
-        """Start the threads.
+    def __init__(self, space: Space, over: Callable[[], bool] | None = None) -> None:
+        """Start the threads, one per core.
 
         Args:
             space: the candidates.
-            threads: their number; None for one per core.
             over: tells that the time limit is reached, after which no candidates but the very first are run; None
                 without a limit.
         """
@@ -234,7 +233,7 @@ class Evaluator:
         self.best = np.zeros(0), -math.inf, 0.0
         """The best of them, shape (P,), its score, and when it was found, as by `clock` [s]."""
         self._lock = threading.Lock()
-        threads = available_cores() if threads is None else threads
+        threads = available_cores()
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def scores(self, points: Sequence[np.ndarray]) -> np.ndarray:

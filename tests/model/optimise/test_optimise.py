@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import itertools
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -252,11 +253,15 @@ def test_repaired_waypoints_keep_the_rate_and_those_that_keep_it_are_not_changed
         assert (matrix @ point <= bound + 1e-12).all()
 
 
-def test_nothing_depends_on_threads_or_on_numpys_own_random_numbers():
+def test_nothing_depends_on_threads_or_on_numpys_own_random_numbers(monkeypatch):
     space = space_of(chain(3), stroke=(0.0, 0.1), waypoints=4)
     np.random.seed(3)  # noqa: NPY002
     before = np.random.get_state()[1].tobytes()  # noqa: NPY002
-    one, two = (search(space, 7, None, [], rounds=3, threads=threads) for threads in (1, 2))
+    found = []
+    for cores in (1, 2):
+        monkeypatch.setattr(sys.modules[Space.__module__], "available_cores", lambda cores=cores: cores)
+        found.append(search(space, 7, None, [], rounds=3))
+    one, two = found
     assert one.point.tobytes() == two.point.tobytes()
     assert one.evaluations == two.evaluations
     assert [score for score, _ in one.optima] == [score for score, _ in two.optima]
