@@ -12,11 +12,11 @@ from ..derivative.sensitivities import Kink, group_kinks
 from ..errors import CrawlerError
 from ..run.cycle import limit_cycle
 from ..scene.scene import Scene
-from .followed import find_followed_peak, find_regime_of
+from .followed import find_followed_peak
 from .goal import WORST, Goal, measure
 from .optimum import ActiveBound, Alternative, Optimum, Weakness
 from .polish import best_step
-from .regime import Regime, RegimeDerivatives, differentiate_regime
+from .regime import Regime, RegimeDerivatives, differentiate_regime, find_peak
 from .request import Request
 from .search import Found
 from .space import Space
@@ -43,12 +43,12 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
     """
     goal, point = space.goal, space.canonical(found.point)
     values = space.values(point)
-    cycle = unknowns.cycle(values)
-    regime = find_regime_of(cycle, goal)
+    regime = _find_regime(space, unknowns, point)
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
-    if not scene.has_exact_derivatives:
-        regime = dataclasses.replace(regime, peak=find_followed_peak(scene, goal.periods))
+    exact = scene.has_exact_derivatives
+    peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
+    regime = dataclasses.replace(regime, peak=peak)
     patched = scene.ground.track is not None
     value = _worst_value(space, point)
     one_sided, kinks = _find_kinks(unknowns, values, goal)
@@ -82,7 +82,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
         not as_good and not flat,
-        tuple(_find_weakness(unknowns, key, values, goal) for key in request.robust or ()),
+        tuple(_find_weakness(space, unknowns, key, point) for key in request.robust or ()),
         space,
         point,
         request.seed,
@@ -92,6 +92,11 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         periods=goal.periods if patched else None,
         interrupted=found.interrupted,
     )
+
+
+def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime | None:
+    """Compute the regime of a candidate in the unit box on one scene; None if it cannot be followed."""
+    return dataclasses.replace(space, scenes=(unknowns,)).regimes(point[None])[0][0]
 
 
 def _worst_value(space: Space, point: np.ndarray) -> float:
@@ -164,12 +169,13 @@ def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: 
     return tuple(found)
 
 
-def _find_weakness(unknowns: Unknowns, key: str, values: np.ndarray, goal: Goal) -> Weakness:
+def _find_weakness(space: Space, unknowns: Unknowns, key: str, point: np.ndarray) -> Weakness:
     """Find the factors of a number at which a gait no longer moves as it should."""
+    goal = space.goal
 
     def moves(factor: float) -> bool:
         try:
-            regime = find_regime_of(with_numbers(unknowns, {key: factor}).cycle(values), goal)
+            regime = _find_regime(space, with_numbers(unknowns, {key: factor}), point)
         except CrawlerError:
             return True
         return regime is None or goal.progress(regime) > max(_NEAR * regime.travel, goal.resolution)

@@ -13,15 +13,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..crawler.crawler import Crawler
-from ..errors import CommandError, SceneError
+from ..errors import CommandError
 from ..run.account import average_displacement, tolerance_of
 from ..run.cycle import repeat_period
 from ..run.screw import largest_distance
 from ..run.simulate import simulate
 from ..scene.scene import Scene
-from .goal import SCREW, TURNING_OBJECTIVES, Goal
-from .regime import Regime, find_regime
-from .request import Request
+from .goal import SCREW, Goal
+from .regime import Regime
 from .unknowns import Cycle
 
 _MOST_PERIODS = 12
@@ -30,20 +29,6 @@ _SETTLED = 0.1
 _ROUNDING = 1e-13
 """Gains below this part of the size of the body are rounding."""
 _PEAK_PERIODS, _PEAK_TICKS = 4, 200
-_MOST_COUNTED = 10_000
-
-
-def find_regime_of(cycle: Cycle, goal: Goal) -> Regime | None:
-    """Compute the periodic regime of a candidate of any kind.
-
-    Args:
-        cycle: the candidate.
-        goal: the direction, and the number of periods, of which the gain counts.
-
-    Returns:
-        The regime; None if the candidate cannot be followed.
-    """
-    return find_regime(cycle) if cycle.plan.has_exact_derivatives else find_followed_regime(cycle, goal)
 
 
 def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
@@ -129,52 +114,3 @@ def followed_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> G
         goal = dataclasses.replace(goal, target=(dx, dy, dyaw, length))
     unit = length if goal.objective in ("translation", SCREW) else 1.0
     return dataclasses.replace(goal, resolution=tolerance_of(scene) * unit)
-
-
-def check_request(scene: Scene, request: Request) -> None:
-    """Check a request against the kind of scene.
-
-    Args:
-        scene: the scene.
-        request: what is sought, its objective a key of `OBJECTIVES`.
-
-    Raises:
-        SceneError: if this kind of scene cannot have it.
-        CommandError: if the target is missing, or a number is out of range.
-    """
-    objective, target, turns = request.objective, request.target, scene.body.turning is not None
-    if turns and objective not in TURNING_OBJECTIVES:
-        names = ", ".join(TURNING_OBJECTIVES)
-        raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
-    if not turns and objective in ("turn", SCREW):
-        raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
-    for name in ("rate", "tension"):
-        if turns and getattr(request, name):
-            raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
-    if request.tension and not scene.has_exact_derivatives:
-        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
-        raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
-    _check_towards_and_periods(scene, request.towards, request.periods)
-    if (target is not None) != (objective == SCREW):
-        given = "missing" if target is None else list(target)
-        raise CommandError(f"target: {given}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
-    if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
-        raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
-
-
-def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -> None:
-    if towards is not None:
-        if scene.dimension == 1:
-            raise SceneError(f"towards: {scene.name} is on a line, where the gain towards +x counts; leave it out")
-        if not isinstance(towards, (int, float)) or not math.isfinite(towards):
-            raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
-    if periods is not None:
-        if scene.ground.track is None:
-            raise SceneError(f"periods: {scene.name} has no ground.patches, so that its periods repeat; leave it out")
-        if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
-            raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
-    if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):
-        raise SceneError(
-            f"start.displacement: {scene.name} has ground.patches, where gaits are sought from a relaxed start; "
-            "leave it out, and move body.contacts instead"
-        )

@@ -17,7 +17,7 @@ from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .bodies import Over, Uncertain, check_uncertain, spread_over, verify
 from .examine import finish
-from .followed import check_request, followed_goal
+from .followed import followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
 from .optimum import Optimum
 from .request import Bounds, Request, build_unknowns, check_bounds, given_points
@@ -146,7 +146,6 @@ def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:
             raise CommandError(f"{name}: {value:g}{unit}; it must be > 0")
     if not isinstance(seed, int) or seed < 0:
         raise CommandError(f"seed: {seed!r}; it must be a whole number >= 0")
-    check_request(scene, request)
     unknowns = build_unknowns(scene, request)
     goal = Goal(
         objective,

@@ -18,7 +18,6 @@ from ..motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED, WORK
 from ..run.repeats import determining_tension, tensions_repeat
 from ..scene.assembly import Assembly
-from ..sweep.stack import stack_scenes
 from .unknowns import Cycle
 
 _REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10
@@ -53,19 +52,6 @@ class Regime:
     speed: float
     settled: bool
     motion: tuple[float, ...] | None = None
-
-
-def find_regime(cycle: Cycle) -> Regime | None:
-    """Compute the periodic regime of a candidate.
-
-    Args:
-        cycle: the candidate.
-
-    Returns:
-        The regime, with its peak; None if a ramp has too many events to be followed exactly.
-    """
-    found = find_regimes(Cycle(stack_scenes([cycle.plan]).assembly, cycle.seconds))[0]
-    return None if found is None else dataclasses.replace(found, peak=find_peak(cycle))
 
 
 def find_regimes(cycles: Cycle) -> list[Regime | None]:

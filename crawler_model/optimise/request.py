@@ -11,14 +11,16 @@ import numpy as np
 
 from ..body.names import name_joints
 from ..derivative.parameters import changing_keys, expand_keys, with_loads
-from ..errors import LARGEST, SceneError
+from ..errors import LARGEST, CommandError, SceneError
 from ..scene.scene import Scene
 from ..sweep.keys import find_path, key_steps, overlap
 from ..sweep.vary import Variations
+from .goal import SCREW, TURNING_OBJECTIVES
 from .unknowns import Table, Unknowns
 
 DEFAULT_WAYPOINTS = 6
 _MOST_UNKNOWNS = 2000
+_MOST_COUNTED = 10_000
 _COUNTS = ("samples", "elements", "shown")
 _TIMES = ("times", "period")
 Bounds = tuple[float, float]
@@ -47,14 +49,16 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
 
     Args:
         scene: the scene.
-        request: what is sought.
+        request: what is sought, its objective a key of `OBJECTIVES`.
 
     Returns:
         The unknowns.
 
     Raises:
         SceneError: with one line about the first mistake.
+        CommandError: if the target is missing, or a number is out of range.
     """
+    _check_kind(scene, request)
     if scene.body.springs == 0:
         raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
     waypoints, stroke, free, period = request.waypoints, request.stroke, request.free or {}, request.period
@@ -86,6 +90,46 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     if low.size > _MOST_UNKNOWNS:
         raise SceneError(f"waypoints: {low.size} unknowns; at most {_MOST_UNKNOWNS}: choose fewer waypoints")
     return Unknowns(base, keys, table, low, high, scene)
+
+
+def _check_kind(scene: Scene, request: Request) -> None:
+    """Check a request, whose objective is a key of `OBJECTIVES`, against the kind of scene."""
+    objective, target, turns = request.objective, request.target, scene.body.turning is not None
+    if turns and objective not in TURNING_OBJECTIVES:
+        names = ", ".join(TURNING_OBJECTIVES)
+        raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
+    if not turns and objective in ("turn", SCREW):
+        raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
+    for name in ("rate", "tension"):
+        if turns and getattr(request, name):
+            raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
+    if request.tension and not scene.has_exact_derivatives:
+        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
+        raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
+    _check_towards_and_periods(scene, request.towards, request.periods)
+    if (target is not None) != (objective == SCREW):
+        given = "missing" if target is None else list(target)
+        raise CommandError(f"target: {given}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
+    if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
+        raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
+
+
+def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -> None:
+    if towards is not None:
+        if scene.dimension == 1:
+            raise SceneError(f"towards: {scene.name} is on a line, where the gain towards +x counts; leave it out")
+        if not isinstance(towards, (int, float)) or not math.isfinite(towards):
+            raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
+    if periods is not None:
+        if scene.ground.track is None:
+            raise SceneError(f"periods: {scene.name} has no ground.patches, so that its periods repeat; leave it out")
+        if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
+            raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
+    if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):
+        raise SceneError(
+            f"start.displacement: {scene.name} has ground.patches, where gaits are sought from a relaxed start; "
+            "leave it out, and move body.contacts instead"
+        )
 
 
 def check_bounds(name: str, given: Any) -> Bounds:
