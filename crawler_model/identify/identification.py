@@ -17,6 +17,9 @@ from .judge.verdicts import Parameter
 from .measurements import Measurements
 from .replica.playback import playback
 
+_OF_SCORE = ("residual", "coverage", "size", "gain_error")
+"""Numbers of a score that are printed."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification:
@@ -102,7 +105,7 @@ class Identification:
             "residual": self.residual,
             "noise": self.noise,
             "held_out": self.held_out,
-            "score": None if self.score is None else self.score.as_plain(),
+            "score": None if self.score is None else {name: getattr(self.score, name) for name in _OF_SCORE},
             "model_fits": self.model_fits,
             "where": self.where,
             "misfits": [m.as_plain() for m in self.misfits],

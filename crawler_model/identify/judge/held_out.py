@@ -40,14 +40,6 @@ class HeldOut:
     errors: tuple[np.ndarray, ...] = field(compare=False, repr=False)
     deviations: tuple[np.ndarray, ...] = field(compare=False, repr=False)
 
-    def as_plain(self) -> dict[str, object]:
-        """Convert to the values that `crawler identify --json` prints.
-
-        Returns:
-            Plain numbers and text.
-        """
-        return {"residual": self.residual, "coverage": self.coverage, "size": self.size, "gain_error": self.gain_error}
-
 
 def score_held_out(
     problem: Problem, fit: Fit, covariance: np.ndarray, parameters: Sequence[Parameter]
