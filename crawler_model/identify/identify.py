@@ -138,9 +138,7 @@ def _find(
     wander = not searched.interrupted
     fit, structure = _settle(problem, release(problem, explore_minima(problem, searched, rng) if wander else searched))
     if wander:
-        held = np.zeros(problem.count, np.bool_)
-        held[sorted(structure.unseen | structure.held | set(structure.weak))] = True
-        fit = average_derivatives(problem, fit, held, rng)
+        fit = average_derivatives(problem, fit, np.isin(np.arange(problem.count), list(structure.fixed)), rng)
     return dataclasses.replace(
         fit, interrupted=searched.interrupted, starts=searched.starts, reached=searched.reached
     ), structure
@@ -174,8 +172,6 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     origin = space.to_coordinates(space.origin)
     structure = find_structure(problem, fit)
     for _ in range(count):
-        held = np.zeros(problem.count, np.bool_)
-        held[sorted(structure.unseen | structure.held | set(structure.weak))] = True
         moved = fit.unknowns.copy()
         for group in structure.groups:
             shifts = [origin[p] - moved[p] for p in group & structure.held]
@@ -187,6 +183,7 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
             moved[p] = origin[p]
         if np.array_equal(moved, fit.unknowns):  # there the sum of squares is least already
             return fit, structure
+        held = np.isin(np.arange(problem.count), list(structure.fixed))
         again = fit_from(problem, moved, held, tight=True, most=40)
         if again is None or again.cost > fit.cost + _INDIFFERENT:
             return fit, structure
@@ -211,7 +208,7 @@ def _shift(fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarra
 def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) -> Identification:
     """Judge the parameters, measure the misfit, and collect the result."""
     count = problem.space.origin.size
-    free = structure.free(count)
+    free = [p for p in range(count) if p not in structure.fixed]
     unknown = [*free, *range(count, problem.count)]
     covariance = np.zeros((problem.count, problem.count))
     own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,26 +21,7 @@ _FIRM = 300.0
 _MUCH = np.log(10.0)
 
 
-@dataclass(frozen=True)
-class Held:
-    """A one-sided bound of a parameter.
-
-    Attributes:
-        value: the bound, in the unit of the scene's key [any].
-        at_least: whether it is a lower bound.
-        recording: name of the recording.
-        time: when it is reached, on the clock of its commands [s].
-        event: what did not happen then, for example "contact 2 did not slide".
-    """
-
-    value: float
-    at_least: bool
-    recording: str
-    time: float
-    event: str
-
-
-def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple[Held, ...]]:
+def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, dict[bool, tuple[float, str]]]:
     """Find least and largest values of parameters without effect on the motion, as friction held and springs moved.
 
     A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
@@ -52,22 +33,20 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, tuple
         unseen: these parameters.
 
     Returns:
-        For each parameter its lower and upper bound, as far as there is one.
+        For each parameter, by whether it is a lower bound, the bound [unit of the scene's key], and when what did not
+        happen, for example "contact 2 did not slide at 3.2 s of run.csv", on the clock of the commands.
     """
     space = problem.space
     values = space.to_values(fit.unknowns[: space.origin.size])
-    found = {}
-    for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
-        time, event = float(slack.time[limit.row]), slack.events[limit.column]
-        found[p, at_least] = Held(limit.value, at_least, replica.measured.name, time, event)
     raised = _raise_others(problem, fit, unseen)
-    result: dict[int, tuple[Held, ...]] = {}
-    for (p, _), bound in found.items():
-        if space.low[p] < bound.value < space.high[p] or not bound.at_least:
-            confirmed = _confirm(problem, fit, raised, p, bound)
-            if confirmed is not None:
-                result[p] = (*result.get(p, ()), confirmed)
-    return result
+    found: dict[int, dict[bool, tuple[float, str]]] = {}
+    for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
+        if space.low[p] < limit.value < space.high[p] or not at_least:
+            value = _confirm(problem, fit, raised, p, limit.value, at_least)
+            if value is not None:
+                event = f"{slack.events[limit.column]} at {slack.time[limit.row]:.4g} s of {replica.measured.name}"
+                found.setdefault(p, {})[at_least] = value, event
+    return found
 
 
 def release(problem: Problem, fit: Fit) -> Fit:
@@ -114,16 +93,15 @@ def _raise_others(problem: Problem, fit: Fit, unseen: set[int]) -> np.ndarray:
     return unknowns
 
 
-def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: Held) -> Held | None:
+def _confirm(problem: Problem, fit: Fit, raised: np.ndarray, p: int, bound: float, at_least: bool) -> float | None:
     """Move a parameter beyond its bound until the residuals grow by more than noise; None if they never do."""
-    space = problem.space
-    if not space.logarithmic[p]:
+    if not problem.space.logarithmic[p]:
         return bound
     for factor in _BEYOND:
         unknowns = raised.copy()
-        beyond = bound.value * factor if bound.at_least else bound.value / factor
+        beyond = bound * factor if at_least else bound / factor
         unknowns[p] = np.log(beyond)
         now = problem.compute(unknowns)
         if now is None or now.cost > fit.cost + _CHI_SQUARE:
-            return bound if factor == _BEYOND[0] else replace(bound, value=beyond)
+            return bound if factor == _BEYOND[0] else beyond
     return None

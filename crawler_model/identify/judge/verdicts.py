@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 from ..fit.fit import Fit
 from ..fit.problem import Problem
 from ..sensor.noise import find_quantile, find_rounding
-from .bounds import Held, find_bounds
+from .bounds import find_bounds
 
 Verdict = Literal["identified", "ratio", "bound", "not excited"]
 _ZERO = 1e-11
@@ -81,17 +82,10 @@ class Structure:
     groups: list[set[int]] = field(default_factory=list)
     weak: dict[int, float] = field(default_factory=dict)
 
-    def free(self, count: int) -> list[int]:
-        """List the parameters that are determined, given those that are held.
-
-        Args:
-            count: number of parameters.
-
-        Returns:
-            Their indices.
-        """
-        out = self.unseen | self.held | set(self.weak)
-        return [p for p in range(count) if p not in out]
+    @property
+    def fixed(self) -> set[int]:
+        """The parameters that are not determined, or held because others are determined only together with them."""
+        return self.unseen | self.held | set(self.weak)
 
     def join(self, members: set[int]) -> None:
         """Add a group, joined with all that share a parameter with it.
@@ -136,7 +130,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     triangle: Any = np.linalg.qr(jacobian, mode="r")  # with the same singular values
     nothing = max(_NULL, fit.residuals.derivative_error)
     while True:
-        free = found.free(count)
+        free = [p for p in range(count) if p not in found.fixed]
         if not free:
             return found
         part = triangle[:, free] / size[free]
@@ -262,7 +256,7 @@ def judge(
         interval = _interval(problem, coordinates[p], below[p], above[p], p)
         relation = f"{'ratio to' if space.logarithmic[p] else 'difference from'} {', '.join(partners)}"
         if p in structure.unseen:
-            parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, ())))
+            parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, {})))
         elif p in structure.weak:
             factor = np.exp(min(2.0 * structure.weak[p], 700.0))
             why = f"the noise hides it: its 95 % interval would span a factor of {factor:.3g}"
@@ -305,17 +299,15 @@ def _interval(
     return low, high
 
 
-def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: tuple[Held, ...]) -> Parameter:
+def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: Mapping[bool, tuple[float, str]]) -> Parameter:
     """Write the verdict on a parameter without effect on the fitted rows."""
     name = problem.space.names[p]
-    if np.abs(fit.residuals.jacobian[:, p]).max(initial=0.0) > 0.0 and not bounds:
-        why = "an unknown offset, lag or scale has the same effect"
-        return Parameter(name, "not excited", None, (None, None), (), why)
     if not bounds:
-        return Parameter(name, "not excited", None, (None, None), (), "the measured motion does not depend on it")
-    ends: dict[bool, float] = {b.at_least: b.value for b in bounds}
-    reasons = [
-        f"{'at least' if b.at_least else 'at most'} {b.value:.6g}: {b.event} at {b.time:.4g} s of {b.recording}"
-        for b in bounds
-    ]
-    return Parameter(name, "bound", bounds[0].value, (ends.get(True), ends.get(False)), (), "; ".join(reasons))
+        why = "the measured motion does not depend on it"
+        if np.abs(fit.residuals.jacobian[:, p]).max(initial=0.0) > 0.0:
+            why = "an unknown offset, lag or scale has the same effect"
+        return Parameter(name, "not excited", None, (None, None), (), why)
+    ends = {at_least: value for at_least, (value, _) in bounds.items()}
+    sides = {True: "at least", False: "at most"}
+    why = "; ".join(f"{sides[at_least]} {value:.6g}: {event}" for at_least, (value, event) in bounds.items())
+    return Parameter(name, "bound", next(iter(ends.values())), (ends.get(True), ends.get(False)), (), why)
