@@ -28,57 +28,48 @@ class Change:
     stiffness: np.ndarray | None = None
 
 
-def apply_gain(scene: Scene, derivatives: Derivatives, gain: float) -> tuple[Scene, Derivatives]:
+def apply_gain(scene: Scene, gain: float) -> Any:
     """Multiply all commanded lengths by the gain of the actuators.
 
     Args:
         scene: the scene.
-        derivatives: of its arrays.
         gain: its error [1].
 
     Returns:
-        The scene and the derivatives with this gain.
+        The scene with this gain.
     """
-    if gain == 0.0:
-        return scene, derivatives
-    drive, lengths = scene.drive, scene.drive.columns.lengths
+    drive = scene.drive
     rows = drive.rows.copy()
-    rows[:, :lengths] *= 1.0 + gain
-    targets = derivatives.targets.copy()
-    targets[:, : scene.body.springs] *= 1.0 + gain
-    changed: Any = dataclasses.replace(scene, drive=dataclasses.replace(drive, rows=rows))
-    return changed, dataclasses.replace(derivatives, targets=targets)
+    rows[:, : drive.columns.lengths] *= 1.0 + gain
+    return dataclasses.replace(scene, drive=dataclasses.replace(drive, rows=rows))  # type: ignore[type-var]
 
 
-def differentiate_gain(scene: Scene) -> Change:
-    """Build the derivatives with respect to the gain of the actuators.
-
-    Args:
-        scene: a scene without an error of the gain.
-
-    Returns:
-        The change by a gain error of 1.
-    """
-    rows = np.zeros(scene.drive.rows.shape)
-    lengths = scene.drive.columns.lengths
-    rows[:, :lengths] = scene.drive.rows[:, :lengths]
-    return Change("gain", rows)
-
-
-def add_changes(scene: Scene, derivatives: Derivatives, changes: Sequence[Change]) -> Derivatives:
-    """Add a column for each change.
+def apply_changes(
+    scene: Scene, derivatives: Derivatives, gain: float, with_gain: bool, changes: Sequence[Change]
+) -> tuple[Scene, Derivatives]:
+    """Apply the gain of the actuators, and add a column of derivatives for it and for each change.
 
     Args:
         scene: the scene.
         derivatives: of its arrays.
+        gain: error of the gain [1].
+        with_gain: whether it has a column, before those of the changes.
         changes: the changes.
 
     Returns:
-        The derivatives with these columns, after the others.
+        The scene with this gain, and the derivatives with these columns after the others.
     """
+    columns, springs = scene.drive.columns, scene.body.springs
+    if with_gain:
+        moved = np.arange(columns.count) < columns.lengths
+        changes = (Change("gain", np.where(moved, scene.drive.rows, 0.0)), *changes)
+    if gain != 0.0:
+        targets = derivatives.targets.copy()
+        targets[:, :springs] *= 1.0 + gain
+        scene, derivatives = apply_gain(scene, gain), dataclasses.replace(derivatives, targets=targets)
     if not changes:
-        return derivatives
-    columns, count = scene.drive.columns, len(changes)
+        return scene, derivatives
+    count = len(changes)
     parts = {
         name: np.zeros((*getattr(derivatives, name).shape[:-1], count))
         for name in ("stiffness", "pieces", "start", "times", "period")
@@ -89,4 +80,5 @@ def add_changes(scene: Scene, derivatives: Derivatives, changes: Sequence[Change
     parts["targets"] = np.stack([change.rows[:, columns.index] * columns.factor for change in changes], axis=-1)
     wide = {name: np.concatenate((getattr(derivatives, name), part), axis=-1) for name, part in parts.items()}
     names = (*derivatives.names, *(change.name for change in changes))
-    return dataclasses.replace(derivatives, names=names, values=np.append(derivatives.values, np.zeros(count)), **wide)
+    values = np.append(derivatives.values, np.zeros(count))
+    return scene, dataclasses.replace(derivatives, names=names, values=values, **wide)

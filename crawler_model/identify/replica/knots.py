@@ -8,7 +8,10 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.curves import BEGIN, END
+from ...body.drive import NS
 from ...body.names import name_every_spring
+from ...derivative.parameters import Derivatives
+from ...scene.scene import Scene
 
 
 class Reached(NamedTuple):
@@ -36,22 +39,24 @@ def describe(body: Body) -> list[str]:
 
 
 def find_distances(
-    body: Body, d_pieces: np.ndarray, elongation: np.ndarray, length: np.ndarray
+    scene: Scene, derivatives: Derivatives, time: np.ndarray, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute how far bent springs are from the next knots of their curves.
 
     Args:
-        body: the body.
-        d_pieces: derivatives of the pieces of all curves, as in `derivative.parameters.Derivatives`, shape (R, 6, P).
-        elongation: z of all springs, shape (T, S) [m].
-        length: L of all springs, shape (T, S) [m].
+        scene: the scene.
+        derivatives: of its arrays.
+        time: shape (T,) [s].
+        x: displacement, shape (T, N) [m].
 
     Returns:
         The distances, infinite where there is no knot, shape (T, 4 B) [m]; their derivatives with respect to the
         parameters at fixed lengths, shape (T, 4 B, P).
     """
-    count = elongation.shape[0]
-    distance = np.empty((count, 4 * len(body.bends)))
+    body, d_pieces = scene.body, derivatives.pieces
+    targets = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
+    elongation, length = body.elongation(x), targets[:, : body.springs]
+    distance = np.empty((time.size, 4 * len(body.bends)))
     derivative = np.zeros((*distance.shape, d_pieces.shape[-1]))
     first = column = 0
     for bend in body.bends:

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ...body.drive import Drive
 from ...body.turning import SIDES
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ..measurements import Measurements
 
-_EXCESS = 1e-9
 _STRAIGHT = 1e-12
 """A row this near to the line between its neighbours, relative to the range of its column, is left out."""
 
@@ -125,26 +123,3 @@ def _corners(time: np.ndarray, rows: np.ndarray) -> np.ndarray:
     part = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
     off = np.abs(rows[:-2] + part * (rows[2:] - rows[:-2]) - rows[1:-1]) > size
     return np.array([0, *(1 + np.flatnonzero(off.any(axis=1))), time.size - 1])
-
-
-def is_admissible(body: Any, drive: Drive, start: np.ndarray) -> bool:
-    """Determine whether the start is in equilibrium, no friction is negative, and friction holds all loads.
-
-    Args:
-        body: the body.
-        drive: the recorded commands.
-        start: displacement, shape (N,) [m].
-
-    Returns:
-        Whether a motion exists from there.
-    """
-    columns, target, n = drive.columns, drive.targets[0], body.contacts
-    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
-    if (drive.rows[:, frictions] < 0.0).any():
-        return False
-    if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
-        return False
-    force = body.spring_force(body.tension(body.elongation(start), target[: body.springs]))
-    forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
-    size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
-    return bool((force <= forward + size).all() and (force >= -backward - size).all())

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ...body.body import Body
 from ...body.columns import Columns
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
@@ -24,13 +25,15 @@ from ...scene.scene import Scene
 from ...sweep.keys import key_steps
 from ...sweep.vary import Variations, vary
 from ..measurements import MeasurementError, Measurements, observation
-from .changes import Change, add_changes, apply_gain, differentiate_gain
+from .changes import Change, apply_changes
 from .follow import begin_path, follow_times
 from .knots import describe, find_distances
-from .playback import is_admissible, replay_scene
+from .playback import replay_scene
 
 _MOST_NUMBERS = 200_000_000
 _AFFINE = 1e-12
+_EXCESS = 1e-9
+"""Part of all forces by which one may be beyond its bound at the start."""
 _CALLER = "identify"
 
 
@@ -186,9 +189,7 @@ class Replica:
         plan = self._plan(values)
         if plan is None:
             return None
-        scene, derivatives = apply_gain(*plan, gain)
-        changes = (*([differentiate_gain(plan[0])] if with_gain else []), *changes)
-        derivatives = add_changes(scene, derivatives, changes)
+        scene, derivatives = apply_changes(*plan, gain, with_gain, changes)
         found = follow_times(scene, derivatives, self.measured.time - lag, self._is_recorded)
         if found is None:
             return None
@@ -213,14 +214,7 @@ class Replica:
             if the values are not valid.
         """
         plan = self._plan(values, with_derivatives=False)
-        if plan is None:
-            return None
-        body, drive = plan[0].body, plan[0].drive
-        targets = drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
-        force = body.spring_force(body.tension(body.elongation(x), targets[:, : body.springs]))
-        bounds = targets[:, body.springs :]
-        n = body.contacts
-        return force, bounds[:, :n], bounds[:, n : 2 * n]
+        return None if plan is None else _find_balance(plan[0], time, x)
 
     def slack(self, values: np.ndarray) -> Slack | None:
         """Compute how far each force stayed from its bounds, and each bent spring from its knots.
@@ -244,10 +238,8 @@ class Replica:
         x = np.vstack((scene.start_displacement, stretch.x + stretch.rest))
         before = np.append(0, vertices.before)
         time = np.append(0, vertices.time_ns) / NS
-        found = self.balance(values, time, x)
-        assert found is not None
-        force, forward, backward = found
-        ways, d_ways = self._find_ways(scene, derivatives, time, x)
+        force, forward, backward = _find_balance(scene, time, x)
+        ways, d_ways = find_distances(scene, derivatives, time, x)
         names = [body.name_of(i) for i in range(n)] * 2
         return Slack(
             time,
@@ -268,14 +260,7 @@ class Replica:
             As `knots.find_distances`; None if the values are not valid.
         """
         plan = self._plan(values)
-        return None if plan is None else self._find_ways(*plan, time, x)
-
-    def _find_ways(
-        self, scene: Scene, derivatives: Derivatives, time: np.ndarray, x: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        body = scene.body
-        targets = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
-        return find_distances(body, derivatives.pieces, body.elongation(x), targets[:, : body.springs])
+        return None if plan is None else find_distances(*plan, time, x)
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives, or those elsewhere; None if they are not valid."""
@@ -292,7 +277,7 @@ class Replica:
         body = dataclasses.replace(base.body, stiffness=base.body.stiffness + local.stiffness @ step)
         start = base.start_displacement + local.start @ step
         drive, local = self._drive(base, local, step, with_derivatives)
-        if (body.stiffness <= 0.0).any() or not is_admissible(body, drive, start):
+        if (body.stiffness <= 0.0).any() or not _is_admissible(body, drive, start):
             return None
         changed: Any = dataclasses.replace(base, body=body, drive=drive, start_displacement=start)
         return changed, local
@@ -333,6 +318,28 @@ class Replica:
         targets = np.broadcast_to(d_target, (count, *d_target.shape))  # the same for all rows, and not copied
         none = np.broadcast_to(0.0, (count, step.size))
         return drive, dataclasses.replace(local, targets=targets, times=none, period=np.zeros(step.size))
+
+
+def _is_admissible(body: Body, drive: Drive, start: np.ndarray) -> bool:
+    """Determine whether the start is in equilibrium, no friction is negative, and friction holds all loads."""
+    columns, target, n = drive.columns, drive.targets[0], body.contacts
+    frictions = slice(columns.lengths, columns.lengths + columns.frictions)
+    if (drive.rows[:, frictions] < 0.0).any():
+        return False
+    if columns.slope_load is not None and columns.lacks_equilibrium(drive.targets).any():
+        return False
+    force = body.spring_force(body.tension(body.elongation(start), target[: body.springs]))
+    forward, backward = target[body.springs :][:n], target[body.springs + n :][:n]
+    size = _EXCESS * (np.abs(force).max() + np.abs(forward).max() + np.abs(backward).max())
+    return bool((force <= forward + size).all() and (force >= -backward - size).all())
+
+
+def _find_balance(scene: Scene, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute forces and their forward and backward bounds at given times and positions, each of shape (T, N) [N]."""
+    body, n = scene.body, scene.body.contacts
+    targets = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))
+    lengths, forward, backward, _ = np.split(targets, body.springs + n * np.arange(3), axis=1)
+    return body.spring_force(body.tension(body.elongation(x), lengths)), forward, backward
 
 
 def _columns_changed_by(key: str, columns: Columns) -> set[str]:

@@ -5,7 +5,6 @@ This holds in the plane, of bodies that turn, and on patches of ground.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -19,7 +18,7 @@ from ...scene.scene import Scene
 from ...sweep.vary import Variations
 from ...sweep.workers import available_cores
 from ..measurements import Measurements
-from .changes import Change
+from .changes import Change, apply_gain
 from .playback import playback
 from .replica import Prediction, Replica
 
@@ -118,9 +117,7 @@ class SampledReplica(Replica):
         except SceneError:
             return None
         if gain:
-            rows = np.array(scene.drive.rows)
-            rows[:, : scene.columns.lengths] *= 1.0 + gain
-            scene = dataclasses.replace(scene, drive=dataclasses.replace(scene.drive, rows=rows))
+            scene = apply_gain(scene, gain)
         start = scene.start_displacement
         x, time = np.empty((1, start.size)), np.zeros(1, np.int64)
         x[0] = start.ravel()
