@@ -79,15 +79,6 @@ class Robustness:
     verified: int
     unknown: tuple[str, ...]
 
-    def as_plain(self) -> dict[str, Any]:
-        """Convert to the values that `crawler optimise --json` prints.
-
-        Returns:
-            Plain numbers and text; numbers that are not finite are None.
-        """
-        plain = dataclasses.asdict(self) | {"unknown": list(self.unknown)}
-        return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in plain.items()}
-
 
 def check_uncertain(over: Over, objective: str, robust: Mapping[str, Any] | None) -> None:
     """Check what uncertainty is combined with.

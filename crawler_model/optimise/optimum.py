@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -164,6 +164,10 @@ class Optimum:
             name: _number(getattr(self, name))
             for name in ("gain", "cost_of_transport", "travel", "peak_tension", "transient_left", "gradient_norm")
         }
+        robust_to = None
+        if self.robustness is not None:
+            plain = asdict(self.robustness) | {"unknown": list(self.robustness.unknown)}
+            robust_to = {name: _number(v) if isinstance(v, float) else v for name, v in plain.items()}
         return {
             "schema": 1,
             "scene": self.scene.name,
@@ -178,12 +182,12 @@ class Optimum:
             "evaluations": self.evaluations,
             "differentiable": self.differentiable,
             "kinks": [{"time": kink.time, "contacts": list(kink.contacts)} for kink in self.kinks],
-            "active_bounds": [bound.__dict__.copy() for bound in self.active_bounds],
+            "active_bounds": [asdict(bound) for bound in self.active_bounds],
             "alternatives": [{"value": _number(one.value), "drive": one.drive} for one in self.alternatives],
             "flat": list(self.flat),
             "unique": self.unique,
-            "fails": [weakness.__dict__.copy() for weakness in self.weaknesses],
-            "robust_to": None if self.robustness is None else self.robustness.as_plain(),
+            "fails": [asdict(weakness) for weakness in self.weaknesses],
+            "robust_to": robust_to,
             "seed": self.seed,
             "complete": self.complete,
             "interrupted": self.interrupted,
