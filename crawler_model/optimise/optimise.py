@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..derivative.parameters import expand_keys
 from ..errors import CommandError, SceneError
 from ..scene.file import coerce_scene
@@ -20,7 +18,7 @@ from .examine import finish
 from .followed import followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
 from .optimum import Optimum
-from .request import Bounds, Request, build_unknowns, check_bounds, given_points
+from .request import Bounds, Request, build_unknowns, check_bounds, first_points
 from .search import Found, search
 from .space import Space
 from .unknowns import Unknowns, with_numbers
@@ -115,8 +113,7 @@ def optimise(
     unknowns, space = build_space(scene, request)
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
-    begin = [*given_points(unknowns), np.full(space.size, 0.5)]
-    found = search(space, seed, seconds, begin, progress)
+    found = search(space, seed, seconds, first_points(unknowns), progress)
     check_found(space, found)
     best = finish(unknowns, space, found, request, began)
     if robust_to is None:

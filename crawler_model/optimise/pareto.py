@@ -17,7 +17,7 @@ from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .goal import measure, score
 from .optimise import build_space, check_found
-from .request import Request, given_points
+from .request import Request, first_points
 from .search import Found, search
 from .space import Space
 
@@ -132,7 +132,7 @@ def pareto(
         if name not in names:
             raise TypeError(f"pareto: unknown argument {name}")
     unknowns, space = build_space(scene, Request("translation", seconds=seconds, seed=seed, **limits))
-    begin = [*given_points(unknowns), np.full(space.size, 0.5)]
+    begin = first_points(unknowns)
     each = None if seconds is None else seconds / (_POINTS + 2)
     runs: list[Found] = []
 

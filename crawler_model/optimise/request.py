@@ -221,7 +221,8 @@ def _build_table(
         row[columns.lengths :][: columns.frictions] = friction[0]
         columns.check_equilibrium(columns.target(row), f"free: friction: {friction[0]:g}", SceneError)
     low, high = np.array(bounds).T
-    return Table(count, float(period), len(names), friction is not None, column_of, low.copy(), high.copy(), span)
+    held, frees_friction = np.full(len(names), np.nan), friction is not None
+    return Table(count, float(period), len(names), frees_friction, column_of, low.copy(), high.copy(), span, held)
 
 
 def _build_planar_table(
@@ -319,22 +320,24 @@ def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[st
     return found
 
 
-def given_points(unknowns: Unknowns) -> list[np.ndarray]:
-    """Find the point of the scene as it is, to begin with.
+def first_points(unknowns: Unknowns) -> list[np.ndarray]:
+    """Find the points to begin with.
 
     Args:
         unknowns: the unknowns.
 
     Returns:
-        The unit point, its waypoints those of the scene's drive at these times; nothing for a scene without a drive.
+        The unit point of the scene as it is, its waypoints those of its drive at these times, but not of a scene
+        without a drive; and the middle of the unit box.
     """
+    middle = np.full(unknowns.low.size, 0.5)
     scene, table = unknowns.original, unknowns.table
     base = unknowns.base
     numbers = np.array([Variations(base, {key: np.zeros(1)}, (1,)).origin(key) for key in unknowns.keys])
     values = numbers
     if table is not None:
         if scene.parts.drive is None or scene.drive.period is None:
-            return []
+            return [middle]
         drive = scene.drive
         assert drive.period is not None
         times = np.arange(table.waypoints) / table.waypoints * drive.period
@@ -343,5 +346,4 @@ def given_points(unknowns: Unknowns) -> list[np.ndarray]:
         places = [int(np.flatnonzero(table.column_of == j)[0]) for j in range(table.width)]
         waypoints = np.column_stack([np.interp(times, closed, rows[:, i]) for i in places])
         values = np.concatenate((numbers, waypoints.ravel()))
-    unit = (values - unknowns.low) / (unknowns.high - unknowns.low)
-    return [np.clip(unit, 0.0, 1.0)]
+    return [np.clip((values - unknowns.low) / (unknowns.high - unknowns.low), 0.0, 1.0), middle]

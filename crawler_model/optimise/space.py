@@ -120,15 +120,11 @@ class Space:
         most, table = self.steps(), self.scenes[0].table
         if most is None or table is None:
             return np.zeros((0, self.size)), np.zeros(0)
-        first, rows, bounds = len(self.scenes[0].keys), [], []
-        for k in range(table.waypoints):
-            for j in np.flatnonzero(most < 1.0):
-                row = np.zeros(self.size)
-                row[first + k * table.width + j] -= 1.0
-                row[first + (k + 1) % table.waypoints * table.width + j] += 1.0
-                rows += [row, -row]
-                bounds += [most[j], most[j]]
-        return np.array(rows).reshape(-1, self.size), np.array(bounds)
+        limited = np.flatnonzero(most < 1.0)
+        now = len(self.scenes[0].keys) + table.width * np.arange(table.waypoints)[:, None] + limited
+        unit = np.eye(self.size)
+        rows = unit[np.roll(now, -1, axis=0).ravel()] - unit[now.ravel()]
+        return np.stack((rows, -rows), axis=1).reshape(-1, self.size), np.tile(np.repeat(most[limited], 2), len(now))
 
     def regimes(self, points: np.ndarray) -> list[list[Regime | None]]:
         """Compute the periodic regimes of candidates on each scene.

@@ -33,8 +33,8 @@ class Table:
         low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
         high: upper bounds, likewise.
         span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
-        held: in the plane, the actuation of each link and joint, or component of a link, NaN where it is unknown [m,
-            rad]; None if the actuation of all is unknown.
+        held: the actuation of each link, segment and joint, in the plane of each component of a link, NaN where it is
+            unknown [m, 1, rad].
         axes: number of components of the actuation of a link.
     """
 
@@ -46,13 +46,13 @@ class Table:
     low: np.ndarray
     high: np.ndarray
     span: np.ndarray
-    held: np.ndarray | None = None
+    held: np.ndarray
     axes: int = 1
 
     @functools.cached_property
     def moved(self) -> np.ndarray:
         """Links, segments and joints whose actuation is unknown, shape (J,)."""
-        return np.arange(self.links) if self.held is None else np.flatnonzero(np.isnan(self.held))
+        return np.flatnonzero(np.isnan(self.held))
 
     @property
     def width(self) -> int:
@@ -218,9 +218,8 @@ class Unknowns:
         rows = np.repeat(given[..., :1, :], 1 + self.table.waypoints, axis=-2)
         shown = self.table.column_of >= 0
         rows[..., 1:, shown] = waypoints[..., self.table.column_of[shown]]
-        if self.table.held is not None:
-            still = np.flatnonzero(~np.isnan(self.table.held))
-            rows[..., 1:, still] = self.table.held[still]
+        still = np.flatnonzero(~np.isnan(self.table.held))
+        rows[..., 1:, still] = self.table.held[still]
         if self._starts_relaxed:
             rows[..., 0, :] = rows[..., 1, :]
         return rows, np.full(self.table.waypoints, self.table.period / self.table.waypoints)
@@ -325,10 +324,8 @@ def _write_table(table: Table, waypoints: np.ndarray) -> dict[str, Any]:
     times = table.period * np.arange(table.waypoints + 1) / table.waypoints
     times[-1] = table.period
     drive: dict[str, Any] = {"times": times.tolist(), "period": table.period}
-    actuation = closed[:, : table.links]
-    if table.held is not None:
-        actuation = np.tile(table.held, (table.waypoints + 1, 1))
-        actuation[:, table.moved] = closed[:, : table.links]
+    actuation = np.tile(table.held, (table.waypoints + 1, 1))
+    actuation[:, table.moved] = closed[:, : table.links]
     if table.axes > 1:
         actuation = actuation.reshape(table.waypoints + 1, -1, table.axes)
     drive["actuation"] = actuation.tolist()
