@@ -98,7 +98,6 @@ def estimate(
 
     Args:
         seen: the recordings.
-        space: the parameters.
         start: their first values, shape (P,).
         sensor: the prior of the lag.
         limited: whether limits that no spring reaches are moved to where one does.

@@ -76,7 +76,6 @@ def fit_from(
     Steps have no part in null directions of the Jacobian, so that what is not determined keeps its start value.
 
     Args:
-        problem: the problem.
         start: unknowns, shape (U,).
         held: unknowns that keep their start value, bool, shape (U,).
         tight: whether to converge to rounding.
@@ -170,7 +169,6 @@ def find_fit(
         coarse: the same with fewer rows, on which the starts are compared.
         starts: number of starts, unless an earlier one leads to a fit.
         seconds: time in which more are tried as long as none does [s]; 0 for the first start alone.
-        rng: source of random numbers.
         progress: called with the fraction done, in [0, 1].
 
     Returns:

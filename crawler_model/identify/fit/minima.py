@@ -29,11 +29,6 @@ _WIDEST = 0.3
 def explore_minima(problem: Problem, fit: Fit, rng: np.random.Generator) -> Fit:
     """Fit again from draws around a fit.
 
-    Args:
-        problem: the problem.
-        fit: its end.
-        rng: source of random numbers.
-
     Returns:
         The lowest minimum, with the spread of the others.
     """
@@ -76,10 +71,7 @@ def average_derivatives(problem: Problem, fit: Fit, held: np.ndarray, rng: np.ra
     """Average the derivatives over draws of the posterior.
 
     Args:
-        problem: the problem.
-        fit: its end.
         held: unknowns that keep their values, bool, shape (U,).
-        rng: source of random numbers.
 
     Returns:
         The fit with these derivatives.

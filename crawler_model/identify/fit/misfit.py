@@ -74,7 +74,6 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
     """Measure the misfit of every channel with enough fitted rows.
 
     Args:
-        problem: the problem.
         residuals: the residuals.
 
     Returns:

@@ -89,7 +89,6 @@ class Problem:
         Args:
             replicas: the recordings.
             rows: which of their rows are fitted, bool, each of shape (T,).
-            space: the parameters.
             offset: "none", "frame" (one constant per recording and axis) or "each" (one per channel).
             sensor: priors of what the sensors do.
         """
@@ -183,9 +182,6 @@ class Problem:
     def places(self, recording: int) -> range:
         """List the indices of the unknowns of a recording's sensor.
 
-        Args:
-            recording: its index.
-
         Returns:
             In the order of `names`.
         """
@@ -194,9 +190,6 @@ class Problem:
 
     def unknowns(self, values: np.ndarray) -> np.ndarray:
         """Build a start from values of the parameters and the means of the priors.
-
-        Args:
-            values: shape (P,).
 
         Returns:
             Shape (U,).
@@ -207,10 +200,6 @@ class Problem:
     def sensed(self, unknowns: np.ndarray, recording: int) -> dict[str, float]:
         """Read what the sensor of a recording does.
 
-        Args:
-            unknowns: shape (U,).
-            recording: its index.
-
         Returns:
             `lag` [s], `scale` [1] and `gain` [1], unknown or held.
         """
@@ -219,9 +208,6 @@ class Problem:
 
     def compute(self, unknowns: np.ndarray) -> Residuals | None:
         """Compute residuals and their derivatives.
-
-        Args:
-            unknowns: shape (U,).
 
         Returns:
             None if no motion exists at these values.
@@ -300,7 +286,6 @@ class Problem:
         """Whiten columns, and remove what offsets and drifts explain of them.
 
         Args:
-            recording: its index.
             raw: shape (M, C, T) [m].
 
         Returns:
@@ -340,7 +325,6 @@ class Problem:
 
         Args:
             unknowns: shape (U,), at which a motion exists.
-            recording: its index.
 
         Returns:
             Shape (M, P + names, T) [m].

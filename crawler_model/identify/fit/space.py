@@ -51,9 +51,6 @@ class Space:
     def to_coordinates(self, values: np.ndarray) -> np.ndarray:
         """Convert values to coordinates.
 
-        Args:
-            values: shape (P,).
-
         Returns:
             Coordinates, shape (P,).
         """
@@ -64,9 +61,6 @@ class Space:
     def slope(self, values: np.ndarray) -> np.ndarray:
         """Compute the derivatives of the values with respect to the coordinates.
 
-        Args:
-            values: shape (P,).
-
         Returns:
             Shape (P,).
         """
@@ -74,9 +68,6 @@ class Space:
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Draw values within the bounds: those of the scene, up to five times smaller or larger.
-
-        Args:
-            rng: source of random numbers.
 
         Returns:
             Shape (P,).

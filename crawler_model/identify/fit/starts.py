@@ -30,10 +30,6 @@ def generate_starts(problem: Problem, rng: np.random.Generator) -> Iterator[tupl
     These are the balance of forces, neighbours of it, the scene's values, then in turn two moves of the best fit so
     far, and a draw, every second one improved by the balance.
 
-    Args:
-        problem: the problem.
-        rng: source of random numbers.
-
     Yields:
         What the start is related to, and its unknowns, shape (U,); None for a move of the best fit, "kick", and where
         no draw leads to a motion.
@@ -75,9 +71,7 @@ def kick(problem: Problem, unknowns: np.ndarray, rng: np.random.Generator) -> np
     """Move parameters at random, as far as a wrong minimum may be from the right one.
 
     Args:
-        problem: the problem.
         unknowns: of the best fit so far, shape (U,).
-        rng: source of random numbers.
 
     Returns:
         Shape (U,).
@@ -94,7 +88,6 @@ def reach_held(problem: Problem, unknowns: np.ndarray, jacobian: np.ndarray) -> 
     A fit may raise the friction of a contact until it never slides, and then explain its slides by other numbers.
 
     Args:
-        problem: the problem.
         unknowns: of the best fit so far, shape (U,).
         jacobian: derivatives of the residuals there, shape (R, U).
 
@@ -121,8 +114,6 @@ def find_reached(
     """Find where parameters without effect on the motion would begin to have one.
 
     Args:
-        problem: the problem.
-        values: of the parameters, shape (P,).
         unseen: the parameters.
 
     Returns:

@@ -28,8 +28,6 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, dict[
     without effect are.
 
     Args:
-        problem: the problem.
-        fit: its end.
         unseen: these parameters.
 
     Returns:
@@ -54,10 +52,6 @@ def release(problem: Problem, fit: Fit) -> Fit:
 
     A fit that began with a limit within reach, or with a friction that does not hold, ends where it is just passed,
     although the measurements may show no more than that it is not passed.
-
-    Args:
-        problem: the problem.
-        fit: its end.
 
     Returns:
         The fit.

@@ -51,8 +51,6 @@ def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explan
     """Test changes of the model: links stiffer or stuck, friction that depends on place, time or direction, a lag.
 
     Args:
-        problem: the problem.
-        fit: its end.
         width: half widths of the intervals of the coordinates of the parameters, shape (P,); inf if unknown.
 
     Returns:

@@ -47,9 +47,6 @@ def score_held_out(
     """Score the rows that were not fitted.
 
     Args:
-        problem: the problem.
-        fit: its end.
-        covariance: of the unknowns, shape (U, U).
         parameters: with their verdicts. Where only a bound is known, held-out rows may lie between the paths at the
             bound and at the fit.
 

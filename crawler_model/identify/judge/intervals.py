@@ -21,11 +21,7 @@ def find_intervals(
     """Compute the ends of all 95 % intervals.
 
     Args:
-        problem: the problem.
-        fit: its end.
         free: the parameters that are determined.
-        covariance: of the unknowns, shape (U, U).
-        freedom: degrees of freedom of the noise [1].
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows

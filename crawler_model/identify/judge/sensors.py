@@ -40,12 +40,6 @@ class SensorNumber:
 def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray, freedom: float) -> tuple[SensorNumber, ...]:
     """Write the verdict on each number of each sensor.
 
-    Args:
-        problem: the problem.
-        fit: its end.
-        covariance: of the unknowns, shape (U, U).
-        freedom: degrees of freedom of the noise [1].
-
     Returns:
         Lag, scale, gain and drifts of each recording.
     """

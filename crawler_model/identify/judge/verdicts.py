@@ -104,8 +104,6 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     """Find null directions of the Jacobian, exact ones and those that the noise hides.
 
     Args:
-        problem: the problem.
-        fit: its end.
         known: what was found before; its held parameters remain held.
 
     Returns:
@@ -198,8 +196,6 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
     estimate is uncertain, which a factor on the intervals covers; the rounding of pixels is a function of position.
 
     Args:
-        problem: the problem.
-        fit: its end.
         jacobian: shape (R, P).
         free: the unknowns.
 
@@ -234,7 +230,6 @@ def judge(
     """Write the verdict on each parameter.
 
     Args:
-        problem: the problem.
         fit: its end, with the held parameters at the scene's values.
         structure: from `find_structure`.
         below: lower half widths of the 95 % intervals of the coordinates, shape (P,); inf where there is no end.

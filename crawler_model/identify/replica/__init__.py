@@ -1,1 +1,18 @@
-"""The model under recorded commands, with its derivatives."""
+"""The model under recorded commands, with its derivatives.
+
+Functions name their arguments alike; a docstring lists only what it adds to this:
+
+Args:
+    scene: the scene.
+    body: its body.
+    derivatives: of its arrays.
+    measured: the recording, checked.
+    keys: names of single parameters.
+    values: of the parameters, shape (P,).
+    lag: the recording shows the state of this long ago [s].
+    gain: error of the gain of the actuators [1].
+    with_gain: whether there is a column of derivatives with respect to the gain, after those of the parameters.
+    time: shape (T,) [s].
+    x: displacement, shape (T, N) [m].
+    recorded: whether the drive is recorded commands, whose times do not depend on parameters.
+"""

@@ -31,10 +31,6 @@ class Change:
 def apply_gain(scene: Scene, gain: float) -> Any:
     """Multiply all commanded lengths by the gain of the actuators.
 
-    Args:
-        scene: the scene.
-        gain: its error [1].
-
     Returns:
         The scene with this gain.
     """
@@ -50,10 +46,6 @@ def apply_changes(
     """Apply the gain of the actuators, and add a column of derivatives for it and for each change.
 
     Args:
-        scene: the scene.
-        derivatives: of its arrays.
-        gain: error of the gain [1].
-        with_gain: whether it has a column, before those of the changes.
         changes: the changes.
 
     Returns:

@@ -22,10 +22,7 @@ def begin_path(
     """Begin a path, and find the ends of its ramps.
 
     Args:
-        scene: the scene.
-        derivatives: of its arrays.
         ticks: increasing times that end a ramp, shape (K,) [ns].
-        recorded: whether the drive is recorded commands, whose times do not depend on parameters.
 
     Returns:
         The path at its start, and the ends of all ramps up to the last time.
@@ -49,10 +46,7 @@ def follow_times(
     """Compute the motion at some times, at the start before 0.
 
     Args:
-        scene: the scene.
-        derivatives: of its arrays.
         at: increasing, shape (T,) [s].
-        recorded: whether the drive is recorded commands, whose times do not depend on parameters.
 
     Returns:
         Displacements, shape (T, N) [m]; their derivatives, shape (N, P, T); and velocities, shape (T, N) [m/s]. None if

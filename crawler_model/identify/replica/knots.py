@@ -28,9 +28,6 @@ class Reached(NamedTuple):
 def describe(body: Body) -> list[str]:
     """Describe what did not happen where each distance is positive.
 
-    Args:
-        body: the body.
-
     Returns:
         One for each distance, shape (4 B,).
     """
@@ -42,12 +39,6 @@ def find_distances(
     scene: Scene, derivatives: Derivatives, time: np.ndarray, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute how far bent springs are from the next knots of their curves.
-
-    Args:
-        scene: the scene.
-        derivatives: of its arrays.
-        time: shape (T,) [s].
-        x: displacement, shape (T, N) [m].
 
     Returns:
         The distances, infinite where there is no knot, shape (T, 4 B) [m]; their derivatives with respect to the
@@ -76,7 +67,6 @@ def find_limits(values: np.ndarray, distance: np.ndarray, derivative: np.ndarray
     """Find the values of parameters at which distances, which are positive now, would vanish.
 
     Args:
-        values: of the parameters, shape (P,).
         distance: shape (V, C).
         derivative: of the distances with respect to the parameters, shape (V, C, P).
 

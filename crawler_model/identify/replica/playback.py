@@ -19,10 +19,6 @@ _STRAIGHT = 1e-12
 def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     """Build the scene whose drive is replaced by the first recorded command.
 
-    Args:
-        scene: the scene.
-        measured: the recording.
-
     Returns:
         The scene itself if no commands were recorded.
 

@@ -87,9 +87,6 @@ class Replica:
         """Prepare the model.
 
         Args:
-            scene: the scene.
-            measured: the recording, checked.
-            keys: names of single parameters.
             caller: name of the function, for error messages.
 
         Raises:
@@ -145,9 +142,6 @@ class Replica:
     def at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
         """Build the scene at some values, and its motion at the rows of the recording.
 
-        Args:
-            values: of the parameters, shape (P,).
-
         Returns:
             The scene with the recorded drive, and the displacement, shape (T, N) [m]; None if there is no motion.
         """
@@ -176,10 +170,6 @@ class Replica:
         """Follow the recorded commands.
 
         Args:
-            values: of the parameters, shape (P,).
-            lag: the recording shows the state of this long ago [s].
-            gain: error of the gain of the actuators [1].
-            with_gain: whether the derivatives with respect to the gain are computed, too.
             changes: changes of the model whose first-order effects are computed, too.
 
         Returns:
@@ -204,11 +194,6 @@ class Replica:
     def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:
         """Compute forces and their bounds at given positions.
 
-        Args:
-            values: of the parameters, shape (P,).
-            time: shape (T,) [s].
-            x: displacement, shape (T, N) [m].
-
         Returns:
             The force of the springs on each contact, its forward and its backward bound, each of shape (T, N) [N]. None
             if the values are not valid.
@@ -218,9 +203,6 @@ class Replica:
 
     def slack(self, values: np.ndarray) -> Slack | None:
         """Compute how far each force stayed from its bounds, and each bent spring from its knots.
-
-        Args:
-            values: of the parameters, shape (P,).
 
         Returns:
             The distances at all rows of the recording and its commands; None if the values are not valid.
@@ -250,11 +232,6 @@ class Replica:
 
     def ways(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute how far bent springs are from their knots at given positions.
-
-        Args:
-            values: of the parameters, shape (P,).
-            time: shape (T,) [s].
-            x: displacement, shape (T, N) [m].
 
         Returns:
             As `knots.find_distances`; None if the values are not valid.

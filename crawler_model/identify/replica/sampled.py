@@ -41,11 +41,6 @@ class SampledReplica(Replica):
     def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
         """Prepare the model.
 
-        Args:
-            scene: the scene.
-            measured: the recording, checked.
-            keys: names of single parameters.
-
         Raises:
             SceneError: if a key is unknown or has no effect.
         """
@@ -74,10 +69,6 @@ class SampledReplica(Replica):
         """Follow the recorded commands.
 
         Args:
-            values: of the parameters, shape (P,).
-            lag: the recording shows the state of this long ago [s].
-            gain: error of the gain of the actuators [1].
-            with_gain: whether the derivatives with respect to the gain are computed, too.
             changes: none.
 
         Returns:

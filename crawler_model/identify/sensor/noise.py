@@ -106,7 +106,6 @@ def build_whitening(noise: Noise, time: np.ndarray, extra: np.ndarray) -> Whiten
 
     Args:
         noise: the noise.
-        time: of the rows, shape (T,) [s].
         extra: variance by which rows count less, shape (T,) [m^2].
 
     Returns:
@@ -140,11 +139,6 @@ def find_floor(values: np.ndarray) -> float:
 def guess_noise(values: np.ndarray, pixel: float, floor: float) -> tuple[Noise, np.ndarray]:
     """Estimate the noise of a channel from how its values differ from their neighbours, before anything is fitted.
 
-    Args:
-        values: shape (T,) [m].
-        pixel: step of which they are multiples, or 0 [m].
-        floor: least standard deviation [m].
-
     Returns:
         White noise, and the variance by which rows that stand out count less, shape (T,) [m^2].
     """
@@ -165,10 +159,6 @@ def _from_neighbours(values: np.ndarray) -> np.ndarray:
 def find_spikes(residuals: np.ndarray, floor: float) -> np.ndarray:
     """Find single residuals that stand out from their neighbours.
 
-    Args:
-        residuals: in order, shape (T,) [m].
-        floor: least standard deviation [m].
-
     Returns:
         Bool, shape (T,).
     """
@@ -178,9 +168,6 @@ def find_spikes(residuals: np.ndarray, floor: float) -> np.ndarray:
 
 def find_pixel(values: np.ndarray) -> float:
     """Find the step of which values are multiples.
-
-    Args:
-        values: shape (T,) [m].
 
     Returns:
         The step; 0 if there is none, or if it may be one by chance, where few values are equal [m].
@@ -198,12 +185,6 @@ def find_pixel(values: np.ndarray) -> float:
 
 def estimate_noise(time: np.ndarray, residuals: np.ndarray, pixel: float, floor: float) -> tuple[Noise, np.ndarray]:
     """Estimate the noise of a channel by maximum likelihood, and by how much outliers count less.
-
-    Args:
-        time: shape (T,) [s].
-        residuals: of a fit, shape (T,) [m].
-        pixel: step of which the values are multiples, or 0 [m].
-        floor: least standard deviation [m].
 
     Returns:
         The noise, and the variance that is added to that of each row, shape (T,) [m^2].
@@ -277,7 +258,6 @@ def find_noise_at_rest(residuals: np.ndarray, rest: np.ndarray) -> float | None:
     """Estimate noise from how residuals differ within the rests of a contact, whatever the model makes of its slides.
 
     Args:
-        residuals: in order, shape (T,) [m].
         rest: whether the contact rests and its value counts, bool, shape (T,).
 
     Returns:
@@ -307,8 +287,6 @@ def find_noise_of_cycles(time: np.ndarray, residuals: np.ndarray, period: float)
     """Estimate noise from how residuals differ from one cycle of the commands to the next.
 
     Args:
-        time: shape (T,) [s].
-        residuals: shape (T,) [m].
         period: of the commands [s].
 
     Returns:

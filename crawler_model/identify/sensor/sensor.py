@@ -73,9 +73,6 @@ PERFECT = Sensor(_HELD, _HELD, _HELD, _HELD)
 def build_drift(time: np.ndarray) -> np.ndarray:
     """Build the shape of a drift over a recording.
 
-    Args:
-        time: shape (T,) [s].
-
     Returns:
         From -1/2 to 1/2, shape (T,) [1].
     """
