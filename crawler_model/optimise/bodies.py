@@ -37,9 +37,6 @@ class Uncertain(Protocol):
     def apply(self, scene: Scene) -> Scene:
         """Put the best values into a scene.
 
-        Args:
-            scene: the scene.
-
         Returns:
             The scene with the values.
         """
@@ -84,8 +81,6 @@ def check_uncertain(over: Over, objective: str, robust: Mapping[str, Any] | None
     """Check what uncertainty is combined with.
 
     Args:
-        over: "expected" or "worst".
-        objective: the objective.
         robust: factors of numbers.
 
     Raises:
@@ -106,10 +101,7 @@ def spread_over(space: Space, unknowns: Unknowns, uncertain: Uncertain, over: Ov
     """Judge candidates on bodies that are drawn, always the same ones.
 
     Args:
-        space: the candidates.
         unknowns: of the scene with the best values.
-        uncertain: what is known about its numbers.
-        over: whether the mean or the worst of the bodies counts.
 
     Returns:
         The same candidates, judged on the drawn bodies.
@@ -125,11 +117,8 @@ def verify(space: Space, point: np.ndarray, unknowns: Unknowns, uncertain: Uncer
     """Compute the objective of a gait on bodies on which it was not sought.
 
     Args:
-        space: the candidates.
         point: the gait in the unit box, shape (P,).
         unknowns: of the scene with the best values.
-        uncertain: what is known about its numbers.
-        over: whether the mean or the worst of the bodies counted.
 
     Returns:
         The values.

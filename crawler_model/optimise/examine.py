@@ -32,10 +32,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
     """Examine the best point of a search.
 
     Args:
-        unknowns: of the scene itself.
-        space: the candidates.
         found: what the search found.
-        request: what was sought.
         began: when the optimisation began [s].
 
     Returns:

@@ -99,7 +99,6 @@ def followed_goal(scene: Scene, goal: Goal, target: Sequence[float] | None) -> G
     """Set the target and the resolution of the goal of a body in the plane.
 
     Args:
-        scene: the scene.
         goal: the objective.
         target: dx, dy [m] and dyaw [rad] of the screw, or None.
 

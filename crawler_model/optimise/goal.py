@@ -86,9 +86,6 @@ class Goal:
     def progress(self, regime: Regime) -> float:
         """Compute how far a gait moves as it should; a gait that does not has failed.
 
-        Args:
-            regime: the regime.
-
         Returns:
             The gain [m], the turn to the left [rad], or by how much the motion is nearer to the target than none [m].
         """
@@ -100,9 +97,6 @@ class Goal:
     def measure(self, regime: Regime) -> float:
         """Compute what the objective is named after.
 
-        Args:
-            regime: the regime.
-
         Returns:
             As `measure`; for "screw" the distance from the target [m].
         """
@@ -110,9 +104,6 @@ class Goal:
 
     def excess(self, regime: Regime) -> float:
         """Compute how far a candidate is outside of the limits.
-
-        Args:
-            regime: its periodic regime.
 
         Returns:
             The larger of both excesses, relative to its limit [1]; 0 within rounding of them.
@@ -141,10 +132,6 @@ class Goal:
 
 def score(objective: str, regime: Regime) -> float:
     """Compute the score of a regime for one objective.
-
-    Args:
-        objective: a key of `OBJECTIVES`.
-        regime: the regime.
 
     Returns:
         The gain [m]; the turn [rad]; gain / travel [1]; or for the cost of transport the angle between 0 and pi of
@@ -185,10 +172,6 @@ def _derivative(objective: str, found: RegimeDerivatives) -> tuple[float, np.nda
 
 def measure(objective: str, regime: Regime) -> float:
     """Compute what an objective is named after.
-
-    Args:
-        objective: a key of `OBJECTIVES`.
-        regime: the regime.
 
     Returns:
         Gain [m], turn [rad], cost of transport [1] or gain / travel [1]; NaN for the cost of a body that does not

@@ -124,10 +124,6 @@ def optimise(
 def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:
     """Check a request, and build the candidates.
 
-    Args:
-        scene: the scene.
-        request: what is sought.
-
     Returns:
         The unknowns of the scene itself, and the candidates on all scenes of the box.
 
@@ -182,7 +178,6 @@ def check_found(space: Space, found: Found) -> None:
     """Check that a search has found a gait.
 
     Args:
-        space: the candidates.
         found: what was found.
 
     Raises:

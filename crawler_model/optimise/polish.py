@@ -41,7 +41,6 @@ def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> t
         evaluator: computes the scores.
         point: where to begin, shape (P,).
         score: its score [m or 1].
-        stop: called between batches; True ends the search.
 
     Returns:
         The best point, and its score.
@@ -115,7 +114,6 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
         evaluator: computes scores and derivatives.
         point: where to begin, shape (P,).
         score: its score [m, rad or 1].
-        stop: called between batches; True ends the search.
 
     Returns:
         The best point, and its score.
@@ -168,7 +166,6 @@ def best_step(
     """Maximise the least of several planes within a trust region, the box and the rates.
 
     Args:
-        space: the candidates.
         point: the middle of the trust region, shape (P,).
         planes: the point at which each was found, its score there, and its derivatives.
         size: largest change of an unknown, in the unit box [1].

@@ -160,9 +160,6 @@ def _travel(cycles: Cycle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def find_peak(cycle: Cycle) -> float:
     """Find the largest tension in a period, which is at the end of a linear piece.
 
-    Args:
-        cycle: the candidate.
-
     Returns:
         The tension [N], of the period after the last one of a run as long as the longest.
     """
@@ -252,7 +249,6 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
     """Carry derivatives along a candidate until they repeat.
 
     Args:
-        cycle: the candidate.
         derivatives: of its arrays.
 
     Returns:

@@ -48,7 +48,6 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     """Build the unknowns of a request.
 
     Args:
-        scene: the scene.
         request: what is sought, its objective a key of `OBJECTIVES`.
 
     Returns:
@@ -249,7 +248,6 @@ def find_planar_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | No
     """Find which links and joints of a body in the plane move, and how far.
 
     Args:
-        scene: the scene.
         stroke: bounds by name [m, rad], or of all that the drive of the scene moves; None for the range of this drive.
             A link that has no length has two components, link_0/x and link_0/y; its own name stands for both.
 
@@ -286,7 +284,6 @@ def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[st
     """Find the bounds of the rest length of each link and of the strain of each segment.
 
     Args:
-        scene: the scene.
         names: its links, then its segments.
         stroke: bounds of all [m, strain], or of each by name; None for those of the scene's drive.
 
@@ -322,9 +319,6 @@ def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[st
 
 def first_points(unknowns: Unknowns) -> list[np.ndarray]:
     """Find the points to begin with.
-
-    Args:
-        unknowns: the unknowns.
 
     Returns:
         The unit point of the scene as it is, its waypoints those of its drive at these times, but not of a scene

@@ -60,7 +60,6 @@ def search(
     """Search the best candidate.
 
     Args:
-        space: the candidates.
         seed: of the random numbers.
         seconds: time limit [s]; None to end when several rounds found nothing better.
         begin: points to begin with.

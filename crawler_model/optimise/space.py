@@ -45,9 +45,6 @@ class Space:
     def values(self, unit: np.ndarray) -> np.ndarray:
         """Convert a point of the unit box to values of the unknowns.
 
-        Args:
-            unit: shape (P,).
-
         Returns:
             Shape (P,); exactly the bounds at 0 and 1.
         """
@@ -75,9 +72,6 @@ class Space:
         The mean of the largest sequence below and the smallest above that keep it is unchanged where it keeps it, and
         stays in the box.
 
-        Args:
-            unit: shape (P,).
-
         Returns:
             Shape (P,).
         """
@@ -97,9 +91,6 @@ class Space:
 
     def canonical(self, unit: np.ndarray) -> np.ndarray:
         """Choose the waypoint at which a period begins: the same gait may begin at any, but its frame turns with it.
-
-        Args:
-            unit: shape (P,).
 
         Returns:
             Shape (P,), the same for all beginnings; of a body that turns, and on patches, as it is.
@@ -186,9 +177,6 @@ class Space:
     def slopes(self, unit: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate all scores of a candidate.
 
-        Args:
-            unit: shape (P,).
-
         Returns:
             Each score, or their mean, and its derivatives in units of the box, shape (P,); nothing if one of them has
             none.
@@ -219,7 +207,6 @@ class Evaluator:
         """Start the threads, one per core.
 
         Args:
-            space: the candidates.
             over: tells that the time limit is reached, after which no candidates but the very first are run; None
                 without a limit.
         """

@@ -124,9 +124,6 @@ class Unknowns:
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Split unknowns into numbers of the scene and waypoints.
 
-        Args:
-            values: shape (P,).
-
         Returns:
             Shape (keys,), and shape (K, width) or None without a table.
         """
@@ -149,9 +146,6 @@ class Unknowns:
 
     def cycle(self, values: np.ndarray) -> Cycle:
         """Build a candidate.
-
-        Args:
-            values: the unknowns, shape (P,).
 
         Returns:
             Its arrays.
@@ -233,9 +227,6 @@ class Unknowns:
     def differentiate(self, values: np.ndarray) -> tuple[Cycle, Derivatives]:
         """Build a candidate, and differentiate its arrays.
 
-        Args:
-            values: the unknowns, shape (P,).
-
         Returns:
             The candidate, and the derivatives of its arrays with respect to the unknowns.
 
@@ -284,9 +275,6 @@ class Unknowns:
 
     def document(self, values: np.ndarray) -> dict[str, Any]:
         """Build the document of a candidate, which plays it.
-
-        Args:
-            values: the unknowns, shape (P,).
 
         Returns:
             The input of `Scene.model_validate`.
@@ -338,7 +326,6 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
     """Multiply numbers of the scene that are not unknown.
 
     Args:
-        unknowns: the unknowns.
         factors: by dotted key; one that names a list multiplies all its numbers.
 
     Returns:
