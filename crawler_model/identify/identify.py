@@ -225,7 +225,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         where = score.worst
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
     used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
-    noises = tuple(np.array([noise.size for noise in one]) for one in problem.noises)
+    noises = tuple(np.array([channel.noise.size for channel in one]) for one in problem.channels)
     added = list(zip(problem.designs, problem.offsets, fit.residuals.linear, strict=True))
     plain: list[Mapping[str, Any]] = [parameter.as_plain() for parameter in parameters]
     weights, scatter = np.eye(problem.count)[:count] * slope[:, None], 0.0

@@ -84,7 +84,7 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
         measured = replica.measured
         period = find_period(measured.command_time, measured.commands)
         for m, channel in enumerate(measured.channels):
-            rows = np.flatnonzero(problem.present[i][:, m])
+            rows, noise = problem.channels[i][m].rows, problem.channels[i][m].noise
             if rows.size < _FEWEST:
                 continue
             time, error, values = measured.time[rows], residuals.all[i][rows, m], measured.values[rows, m]
@@ -97,7 +97,7 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
                 rest = min(rest, _REPEATED * cycles)
             shown = [one for one in (rest, cycles) if one is not None]
             # no misfit is white: what is white in the residuals is noise
-            noise = max(*shown, problem.noises[i][m].white, problem.pixels[i][m] / np.sqrt(12.0), problem.floor)
+            size = max(*shown, noise.white, problem.pixels[i][m] / np.sqrt(12.0), problem.floor)
             phases = _measure_phases(time[~outlier], kept, period)
             rms = float(np.sqrt(np.mean(kept**2)))
             found.append(
@@ -105,11 +105,11 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
                     measured.name,
                     channel,
                     rms,
-                    noise,
+                    size,
                     float(np.ptp(values)),
                     tuple(phases.tolist()),
                     int(phases.argmax()),
-                    _find_onset(time[~outlier], kept, noise) if rms > FITS * noise else None,
+                    _find_onset(time[~outlier], kept, size) if rms > FITS * size else None,
                 )
             )
     return found

@@ -6,7 +6,6 @@ V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), so that only parameters, lags a
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -19,6 +18,8 @@ from ..sensor.sensor import Sensor, build_drift
 from .space import Space
 
 Offset = Literal["none", "frame", "each"]
+_FEWEST = 8
+"""Fitted rows of a channel from which its noise is estimated."""
 _LONGEST_LAG = 0.1
 """As a part of the recording."""
 _LARGE = 60_000
@@ -62,12 +63,18 @@ class Channel:
 
     Attributes:
         rows: their indices, shape (R,).
-        whitening: of their noise.
+        place: of their residuals among the whitened ones of the recording.
+        noise: of their values.
+        extra: variance by which they count less, shape (R,) [m^2].
+        whitening: of both.
         own: the offsets and drifts that they have, shape (K,).
         linear: whitened derivatives with respect to these, shape (K, R).
     """
 
     rows: np.ndarray
+    place: slice
+    noise: Noise
+    extra: np.ndarray
     whitening: Whitening
     own: np.ndarray
     linear: np.ndarray
@@ -101,36 +108,39 @@ class Problem:
         self.floor = max(find_floor(r.measured.values) for r in replicas)
         self.present = [np.isfinite(r.measured.values) & rows[:, None] for r, rows in zip(replicas, rows, strict=True)]
         self.pixels = [_find_pixels(r, p) for r, p in zip(self.replicas, self.present, strict=True)]
-        noises, extra = [], []
+        guesses = []
         for replica, present, pixels in zip(self.replicas, self.present, self.pixels, strict=True):
             columns = [v[p] for v, p in zip(replica.measured.values.T, present.T, strict=True)]
-            guesses = [
+            found = [
                 guess_noise(v, float(q), self.floor) if v.size else (Noise(self.floor), v)
                 for v, q in zip(columns, pixels, strict=True)
             ]
-            noises.append([noise for noise, _ in guesses])
-            extra.append([less for _, less in guesses])
-        self.set_noise(noises, extra)
+            guesses.append(found)
+        self.set_noise(guesses)
 
-    def set_noise(self, noises: Sequence[Sequence[Noise]], extra: Sequence[Sequence[np.ndarray]]) -> None:
+    def set_noise(self, noises: Sequence[Sequence[tuple[Noise, np.ndarray]]]) -> None:
         """Set the noise of all channels.
 
         Args:
-            noises: for each recording, one for each channel.
-            extra: variance by which the fitted rows count less, likewise, each of shape (R,) [m^2].
+            noises: for each recording, one for each channel, with the variance by which its fitted rows count less,
+                shape (R,) [m^2].
         """
-        self.noises, self.extra = [list(one) for one in noises], [list(one) for one in extra]
-        self.channels: list[list[Channel]] = []
-        for i, replica in enumerate(self.replicas):
-            time, found = replica.measured.time, []
-            for m, noise in enumerate(self.noises[i]):
-                rows = np.flatnonzero(self.present[i][:, m])
-                whitening = build_whitening(noise, time[rows], extra[i][m])
-                own = np.flatnonzero(self.designs[i][:, m].any(axis=0))
-                found.append(Channel(rows, whitening, own, whitening.apply(self.designs[i][rows, m][:, own].T)))
-            self.channels.append(found)
+        self.channels = [self._whiten(i, one) for i, one in enumerate(noises)]
+        drifts = [design.shape[-1] - offsets for design, offsets in zip(self.designs, self.offsets, strict=True)]
+        self.sizes = [channels[-1].place.stop + count for channels, count in zip(self.channels, drifts, strict=True)]
         self.grams = [self._gram(i) for i in range(len(self.replicas))]
         self._last: tuple[bytes, Residuals | None] | None = None
+
+    def _whiten(self, i: int, noises: Sequence[tuple[Noise, np.ndarray]]) -> list[Channel]:
+        """Build the channels of a recording from their noise and the variance by which rows count less."""
+        found, time, first = [], self.replicas[i].measured.time, 0
+        for m, (noise, extra) in enumerate(noises):
+            design = self.designs[i][:, m]
+            rows, own = np.flatnonzero(self.present[i][:, m]), np.flatnonzero(design.any(axis=0))
+            whitening, place = build_whitening(noise, time[rows], extra), slice(first, first + rows.size)
+            found.append(Channel(rows, place, noise, extra, whitening, own, whitening.apply(design[rows][:, own].T)))
+            first = place.stop
+        return found
 
     def estimate_noise(self, residuals: Residuals) -> None:
         """Estimate the noise of all channels from residuals.
@@ -138,27 +148,21 @@ class Problem:
         Args:
             residuals: of a fit.
         """
-        noises, extra = [], []
+        noises, known = [], {}
         for i, replica in enumerate(self.replicas):
             time, found = replica.measured.time, []
-            for m, rows in enumerate(present.nonzero()[0] for present in self.present[i].T):
-                if rows.size < 8:
-                    found.append((self.noises[i][m], np.zeros(rows.size)))
-                    continue
-                found.append(estimate_noise(time[rows], residuals.all[i][rows, m], self.pixels[i][m], self.floor))
-            noises.append([noise for noise, _ in found])
-            extra.append([less for _, less in found])
-        self._lend_noise(noises)
-        self.set_noise(noises, extra)
-
-    def _lend_noise(self, noises: list[list[Noise]]) -> None:
-        """Take the noise of channels without fitted rows from the same channels of other recordings, in place."""
-        known: dict[str, Noise] = {}
-        for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
-            known |= {c: n for c, n, p in zip(replica.measured.channels, one, present.T, strict=True) if p.any()}
-        for replica, present, one in zip(self.replicas, self.present, noises, strict=True):
-            channels = zip(replica.measured.channels, one, present.T, strict=True)
-            one[:] = [n if p.any() else known.get(c, n) for c, n, p in channels]
+            for m, (name, channel) in enumerate(zip(replica.measured.channels, self.channels[i], strict=True)):
+                rows, estimate = channel.rows, (channel.noise, np.zeros(channel.rows.size))
+                if rows.size >= _FEWEST:
+                    estimate = estimate_noise(time[rows], residuals.all[i][rows, m], self.pixels[i][m], self.floor)
+                if rows.size:
+                    known[name] = estimate[0]
+                found.append(estimate)
+            noises.append(found)
+        for replica, found in zip(self.replicas, noises, strict=True):  # channels without fitted rows borrow it
+            names = replica.measured.channels
+            found[:] = [(n if e.size else known.get(c, n), e) for c, (n, e) in zip(names, found, strict=True)]
+        self.set_noise(noises)
 
     @property
     def is_large(self) -> bool:
@@ -293,21 +297,19 @@ class Problem:
             drifts that explain most, shape (Q, C).
         """
         channels, gram = self.channels[recording], self.grams[recording]
-        ends = np.cumsum([0, *(channel.rows.size for channel in channels)])
-        places = [slice(*pair) for pair in itertools.pairwise(ends.tolist())]
-        whitened = np.empty((raw.shape[1], ends[-1] + self._count_drifts(recording)))
+        whitened = np.empty((raw.shape[1], self.sizes[recording]))
         moment = np.zeros((gram.shape[0], raw.shape[1]))
-        for channel, rows, part in zip(channels, places, raw, strict=True):
+        for channel, part in zip(channels, raw, strict=True):
             shown = part if channel.rows.size == part.shape[1] else part[:, channel.rows]
-            channel.whitening.apply(shown, whitened[:, rows])
-            moment[channel.own] += channel.linear @ whitened[:, rows].T
+            channel.whitening.apply(shown, whitened[:, channel.place])
+            moment[channel.own] += channel.linear @ whitened[:, channel.place].T
         seen = np.diag(gram) > 0.0
         own = np.zeros(moment.shape)
         own[seen] = np.linalg.solve(gram[np.ix_(seen, seen)], moment[seen])
-        for channel, rows in zip(channels, places, strict=True):
-            whitened[:, rows] -= own[channel.own].T @ channel.linear
+        for channel in channels:
+            whitened[:, channel.place] -= own[channel.own].T @ channel.linear
         if self.sensor.drift.deviation > 0.0:
-            whitened[:, ends[-1] :] = -own[self.offsets[recording] :].T / self.sensor.drift.deviation
+            whitened[:, channels[-1].place.stop :] = -own[self.offsets[recording] :].T / self.sensor.drift.deviation
         return whitened, own
 
     def _gram(self, recording: int) -> np.ndarray:
@@ -332,23 +334,6 @@ class Problem:
         observed = self._observe(unknowns, recording)
         assert observed is not None
         return observed[0][:, 1:]
-
-    def slices(self) -> list[list[slice]]:
-        """List the rows of `Residuals.fitted` that belong to each channel of each recording.
-
-        Returns:
-            For each recording, one for each channel.
-        """
-        found, first = [], 0
-        for i, channels in enumerate(self.channels):
-            ends = first + np.cumsum([0, *(channel.rows.size for channel in channels)])
-            found.append([slice(*pair) for pair in itertools.pairwise(ends.tolist())])
-            first = int(ends[-1]) + self._count_drifts(i)
-        return found
-
-    def _count_drifts(self, recording: int) -> int:
-        """Count the priors of the drifts of a recording."""
-        return int(self.designs[recording].shape[-1]) - self.offsets[recording]
 
 
 def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:

@@ -117,11 +117,12 @@ def _thin(problem: Problem) -> Problem:
     ]
     rows = [rows[::k] for rows, k in zip(problem.rows, strides, strict=True)]
     thin = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
-    extra = [
-        [less[channel.rows % k == 0] for less, channel in zip(one, channels, strict=True)]
-        for one, channels, k in zip(problem.extra, problem.channels, strides, strict=True)
-    ]
-    thin.set_noise(problem.noises, extra)
+    thin.set_noise(
+        [
+            [(channel.noise, channel.extra[channel.rows % k == 0]) for channel in channels]
+            for channels, k in zip(problem.channels, strides, strict=True)
+        ]
+    )
     return thin
 
 

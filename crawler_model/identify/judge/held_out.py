@@ -118,7 +118,7 @@ def _find_variance(problem: Problem, fit: Fit, i: int, covariance: np.ndarray) -
     # offsets and drifts follow from few independent numbers where noise is slow: their own uncertainty
     design, gram = problem.designs[i], problem.grams[i]
     variance += np.einsum("tmq,qr,tmr->tm", design, np.linalg.pinv(gram), design, optimize=True)
-    return np.asarray(variance + np.array([noise.size**2 for noise in problem.noises[i]]))
+    return np.asarray(variance + np.array([channel.noise.size**2 for channel in problem.channels[i]]))
 
 
 def _find_common(offsets: np.ndarray, error: np.ndarray, out: np.ndarray) -> np.ndarray:

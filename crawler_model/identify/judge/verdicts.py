@@ -209,12 +209,12 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
     middle = part.T @ part
     values, vectors = np.linalg.eigh(middle)
     bread = vectors @ (vectors.T / np.maximum(values, 1e-300)[:, None])
-    for i, channels in enumerate(problem.slices()):
-        for m, rows in enumerate(channels):
-            own, noise = part[rows], problem.noises[i][m]
+    blocks = np.split(part, np.cumsum(problem.sizes))  # the last one is that of the priors of sensors
+    for i, channels in enumerate(problem.channels):
+        for m, channel in enumerate(channels):
+            own, noise, rows = blocks[i][channel.place], channel.noise, channel.rows
             if noise.pixel > 0.0:
-                index = problem.channels[i][m].rows
-                shown = problem.replicas[i].measured.values[index, m] + fit.residuals.all[i][index, m]
+                shown = problem.replicas[i].measured.values[rows, m] + fit.residuals.all[i][rows, m]
                 middle += find_rounding(noise, shown / noise.pixel, own) - own.T @ own
             else:
                 factor = _WIDER_SLOW if noise.slow > _SLOW * noise.size else _WIDER
