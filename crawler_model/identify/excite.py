@@ -194,13 +194,7 @@ class _Search:
         self.guesses = [self.space.origin, *(values for values in near if self._information(values) is not None)]
 
     def grow(self, most: int, interval: float, progress: Callable[[float], None] | None) -> None:
-        """Append waypoints until the intervals are small enough.
-
-        Args:
-            most: largest number of steps between waypoints.
-            interval: half width of the 95 % intervals of the coordinates that is small enough.
-            progress: called with the fraction done.
-        """
+        """Append waypoints, at most so many, until half widths of intervals are below a given one [1]."""
         stale, excited = 0, -1
         while self.rows.shape[0] - 1 < most:
             count = min(_AT_ONCE, most - self.rows.shape[0] + 1)
