@@ -37,9 +37,11 @@ _SAME = 1e-14
 """Numbers that change by a smaller part of their size change by rounding alone."""
 _AGREE, _NOISE = 1e-7, 64.0 * EPS
 """Part by which derivatives from two steps differ at most if the steps are short enough and no kink is between
-them, and rounding errors of the arrays, relative to their size."""
+them, and rounding errors of the arrays, relative to their sizes."""
 _GROWS = 8.0
 """Factor by which a difference grows at least where a number jumps, when the step shrinks by `_FINER`."""
+_START = 3
+"""Which of the arrays is the displacement at the start."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -225,7 +227,7 @@ def _differentiate_alone(
     Where a number jumps, the side on which it does not counts, and 0 where it jumps on both; whether one does is the
     second result.
     """
-    base = _flat(scene)[0]
+    base, size = _flat(scene)[0], _sizes(scene)
 
     @functools.cache
     def at(step: float) -> np.ndarray:
@@ -241,7 +243,7 @@ def _differentiate_alone(
     valid, error = 0, SceneError("")
     for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
         try:
-            derivative, grows = _refine(at, base, places, side * step)
+            derivative, grows = _refine(at, (base, size), places, side * step)
         except SceneError as refused:
             error = refused
             continue
@@ -255,13 +257,15 @@ def _differentiate_alone(
 
 
 def _refine(
-    at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float
+    at: Callable[[float], np.ndarray], origin: tuple[np.ndarray, np.ndarray], places: Sequence[int], step: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the derivative at 0 with steps that shrink, until differences of two steps agree.
 
     Each number has the longest step that agrees with the next one: a start at rest has kinks where knots are met, and a
-    derivative that is zero may agree with none. The second result is which differences grow as the steps shrink.
+    derivative that is zero may agree with none. `origin` has the numbers at 0 and the sizes of which their rounding
+    errors are parts. The second result is which differences grow as the steps shrink.
     """
+    base, size = origin
     derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
     grows = np.zeros(base.size, dtype=bool)
     error: SceneError | None = None
@@ -274,7 +278,7 @@ def _refine(
         else:
             valid = True
             derivative = np.where(known, derivative, finer)
-            known |= _agree(found, finer, base, abs(step) / _FINER)
+            known |= _agree(found, finer, size, abs(step) / _FINER)
             least = np.maximum(_GROWS * np.abs(found), _AGREE * np.abs(base).max(initial=0.0) / abs(step))
             grows = (np.abs(finer) > least) & ~known
             if known.all():
@@ -285,9 +289,9 @@ def _refine(
     return derivative, grows
 
 
-def _agree(derivative: np.ndarray, finer: np.ndarray, base: np.ndarray, step: float) -> np.ndarray:
+def _agree(derivative: np.ndarray, finer: np.ndarray, size: np.ndarray, step: float) -> np.ndarray:
     """Determine where differences with two steps, of which the second is given, are equal up to their errors."""
-    allowed = _AGREE * np.maximum(np.abs(derivative), np.abs(finer)) + _NOISE * np.abs(base) / step
+    allowed = _AGREE * np.maximum(np.abs(derivative), np.abs(finer)) + _NOISE * size / step
     return np.asarray(np.abs(derivative - finer) <= allowed)
 
 
@@ -323,6 +327,13 @@ def _arrays(scene: Assembly) -> tuple[np.ndarray, ...]:
         stiffness, shape = frame.stiffness, (frame.position, frame.rest, frame.offset)
     start = scene.start_displacement
     return (stiffness, collect_pieces(scene.body), drive.targets, start, drive.times, period, *shape)
+
+
+def _sizes(scene: Assembly) -> np.ndarray:
+    """Find the sizes of which rounding errors are parts: those of the numbers themselves, at the start of the body."""
+    arrays = [np.abs(array) for array in _arrays(scene)]
+    arrays[_START] = np.maximum(arrays[_START], np.ptp(scene.body.position))
+    return np.concatenate([array.ravel() for array in arrays])
 
 
 def collect_pieces(body: Body) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -343,6 +344,38 @@ def test_a_relaxed_start_that_jumps_has_the_derivative_of_one_side() -> None:
     assert found.one_sided[[0, 2]].tolist() == [True, False]
     assert not found.displacement[0].any()
     assert np.isfinite(found.displacement).all()
+
+
+def test_a_relaxed_start_at_zero_has_derivatives_without_rounding() -> None:
+    """Contact 2 hardly leaves 0, whichever number of a curve changes, so that no two differences agree but for rounding."""
+    first = {"elongation": [-0.2935, -0.1101, 0.0, 0.2401], "tension": [-0.174, 0.0, 0.0, 0.474]}
+    second = {"elongation": [0.0798, 0.5385, 0.9036, 1.0232], "tension": [0.0, 0.1526, 0.2683, 0.309]}
+    passive = {"elongation": [-0.5, -0.1, 0.2, 0.6], "tension": [-0.7333, -0.2333, 0.4667, 2.4667]}
+    stops = {"stiffness": 140.019, "longest": 0.1722, "shortest": -0.0754}
+    document = {
+        "name": "mesh",
+        "body": {
+            "contacts": [0.627, 1.469, 1.836],
+            "links": [
+                {"curve": first, "between": [0, 1]},
+                {"curve": second, "passive": {"stiffness": 1.3979}, "between": [1, 2]},
+                {"stiffness": 1.8499, "passive": {"curve": passive, "stops": stops}, "between": [0, 2]},
+            ],
+        },
+        "friction": {"isotropic": 1.0},
+        "start": "relaxed",
+        "drive": {"times": [0, 1], "actuation": [[0, 0, 0], [0.3, 0.3, 0.3]]},
+    }
+    found = sensitivities(Scene.model_validate(document), ["body.links[1].curve.tension"], 1.0, 1.0)
+    for knot in range(4):
+        starts = []
+        for step in (-1e-5, 1e-5):
+            tension = list(second["tension"])
+            tension[knot] += step
+            other = copy.deepcopy(document)
+            other["body"]["links"][1]["curve"]["tension"] = tension
+            starts.append(Scene.model_validate(other).start_displacement)
+        assert found.displacement[0, :, knot] == pytest.approx((starts[1] - starts[0]) / 2e-5, abs=1e-8)
 
 
 # -- bad input ------------------------------------------------------------------------------------------------------
