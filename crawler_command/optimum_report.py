@@ -102,6 +102,8 @@ def _number(value: float, digits: int = 6) -> str:
 
 def _describe_numbers(found: Optimum) -> str:
     end = f"transient left {found.transient_left:.1e} m"
+    if math.isinf(found.transient_left):
+        end = "periods do not settle, and these are numbers of the last one that was run"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
     return (

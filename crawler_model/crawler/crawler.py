@@ -138,7 +138,8 @@ class Crawler:
     def stability_margin(self) -> float | None:
         """Least stability margin of the last command [1]; None for bodies that do not turn.
 
-        Below 0 a small deviation grows along the path, as that of a contact that is pushed.
+        It is measured where the steps along the command end. Below 0 a small deviation grows along the path, as that of
+        a contact that is pushed.
         """
         return getattr(self._state, "stability_margin", None)
 

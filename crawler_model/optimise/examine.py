@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import time
 
@@ -23,8 +24,11 @@ from .space import Space
 from .unknowns import Unknowns, with_numbers
 
 _NEAR = 1e-9
-_FLAT_STEP, _FLAT = 2e-3, 1e-9
+_FLAT_STEP, _COARSE_STEP, _FLAT = 2e-3, 5e-2, 1e-9
+"""Steps that show which unknowns change nothing, of exact scores and of coarse ones, and a change that is none."""
 _ALTERNATIVES = 5
+_MOST_PERIODS = {True: 1000, False: 50}
+"""Periods in which the transient of the best gait is judged at most, where a run is exact and where it is not."""
 _FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
 
 
@@ -55,7 +59,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         if score > -WORST and not np.allclose(space.canonical(other), point, atol=1e-3)
     ]
     alternatives = (_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
-    flat = tuple(name for name, is_flat in zip(unknowns.names, _find_flat(space, point), strict=True) if is_flat)
+    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, _find_flat(space, point)))
     as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
     return Optimum(
         goal.objective,
@@ -69,7 +73,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         measure("cost-of-transport", regime),
         regime.travel,
         regime.peak,
-        math.nan if patched else float(limit_cycle(scene).transient_left),
+        math.nan if patched else float(limit_cycle(scene, most_periods=_MOST_PERIODS[exact]).transient_left),
         found.found_after_s,
         found.evaluations,
         _gradient_norm(space, point, value),
@@ -78,7 +82,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         _active_bounds(unknowns, space, point, regime),
         tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
-        not as_good and not flat,
+        not (as_good or flat or math.isnan(value)),
         tuple(_find_weakness(space, unknowns, key, point) for key in request.robust or ()),
         space,
         point,
@@ -141,7 +145,8 @@ def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
 
 def _find_flat(space: Space, point: np.ndarray) -> list[bool]:
     """Find the unknowns that change nothing near a point."""
-    moves = [(i, np.clip(point[i] + step, 0.0, 1.0)) for i in range(point.size) for step in (_FLAT_STEP, -_FLAT_STEP)]
+    size = _COARSE_STEP if space.goal.resolution else _FLAT_STEP
+    moves = [(i, np.clip(point[i] + step, 0.0, 1.0)) for i in range(point.size) for step in (size, -size)]
     moves = [(i, place) for i, place in moves if place != point[i]]
     others = np.repeat(point[None], len(moves), axis=0)
     for other, (i, place) in zip(others, moves, strict=True):

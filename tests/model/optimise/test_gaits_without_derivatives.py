@@ -34,6 +34,21 @@ def test_the_longest_stroke_in_the_plane_gains_most():
     assert best.complete
 
 
+def test_an_unknown_changes_something_if_a_step_beyond_the_tolerance_does():
+    """Of a narrow range, the step that shows it for exact scores changes less than the tolerance."""
+    best = optimise("planar_rectilinear", free={"drive.actuation[1][0][0]": (0.096, 0.1)})
+    assert best.value == pytest.approx(0.1 - 2.0 * 0.2 / 20.0, abs=1e-4)
+    assert best.flat == ()
+    assert best.unique
+
+
+def test_without_a_cost_of_transport_nothing_is_compared_with_it():
+    still = optimise("planar_rectilinear", "cost-of-transport", free={"drive.actuation[1][0][0]": (0.0, 0.001)})
+    assert math.isnan(still.value)
+    assert still.flat == ()
+    assert not still.unique
+
+
 def test_waypoints_in_the_plane_are_components_of_links():
     best = optimise("planar_rectilinear", waypoints=2, stroke={"link_0/x": (0.0, 0.1)}, seconds=0.5)
     assert best.names == ("drive.actuation[0][0][0]", "drive.actuation[1][0][0]")
