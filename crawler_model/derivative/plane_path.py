@@ -169,7 +169,7 @@ class PlanePath:
             place, x, command = progress[PLACE], state.x.copy(), state.command.copy()
             force = state.force
             gap = self._gaps(motion.frame, command, x)
-            if not follow_ramp(motion.frame, arrays, target, motion.tolerance, self._velocity, account, progress):
+            if not follow_ramp(motion.fields, arrays, target, motion.tolerance, self._velocity, account, progress):
                 if not motion.frame.vector:
                     raise CommandError(
                         f"sensitivities: before {until:g} s the body jumps, as no stable equilibrium is left; no "

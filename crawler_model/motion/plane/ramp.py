@@ -23,7 +23,7 @@ from ..state import (
 from .elastic import energy_of, pull
 from .ends import find_end, round_down, snap
 from .equal_steps import farthest
-from .frame import columns_of, friction_of, load_of, norm, unwind, yaw_of
+from .frame import Frame, columns_of, friction_of, load_of, norm, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
@@ -300,10 +300,11 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
 
 
 @compiled
-def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
+def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
     """Follow a ramp of the commands until it ends, or patience does, or no part of it can be followed.
 
     Args:
+        fields: those of the `Frame`, as a plain tuple, which Python passes faster.
         state: displacements and what was gained, shape (N, 2) [m]; the command in force, shape (C,); the yaw, shape
             (1,) [rad]; changed in place.
         tolerance: largest error of the displacements [m].
@@ -315,6 +316,7 @@ def follow_ramp(frame, state, target, tolerance, velocity, account, progress):
         Whether it can be followed further.
     """
     n = velocity.shape[0]
+    frame = Frame(*fields)
     best = np.zeros((n + 2, 2))
     if (state[2] == target).all():
         progress[PLACE] = 1.0
