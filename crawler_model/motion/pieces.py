@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..compiled import lean
-
 RAMP, FROM, UNTIL = range(3)
 """First columns of a piece: the ramp, and the part of it that the piece spans. The velocities of all contacts follow
 [m per unit of the ramp], then the bounds that they reach at its end, as bits FORWARD and BACKWARD of `line.records`."""
-COUNT, PRESENT_RAMP = range(2)
-"""Columns of the first row: the number of pieces met, which may exceed the rows there are, and the ramp in progress."""
+COUNT = 0
+"""Column of the first row: the number of pieces met, which may exceed the rows there are."""
 HEADER = 3
 PIECES_A_RAMP = 16
 """Pieces of a ramp for which there is room at first."""
@@ -57,15 +55,3 @@ def follow_pieces(
         room = met
         state.restore(before)
         account[:] = spent
-
-
-@lean
-def begin_ramp(pieces, ramp):
-    """Note which ramp the next pieces belong to.
-
-    Args:
-        pieces: with room for pieces, or without rows.
-        ramp: its index.
-    """
-    if pieces.shape[0] > 0:
-        pieces[0, PRESENT_RAMP] = ramp

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL
-from ..pieces import COUNT, FROM, HEADER, PRESENT_RAMP, RAMP, UNTIL
+from ..pieces import COUNT, FROM, HEADER, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
 from .critical.margin import sample_margin
@@ -324,17 +324,17 @@ def _sample_before(contacts, springs, model, ground, ramp):
 
 
 @inlined
-def _note_piece(pieces, contacts, begin, until):
+def _note_piece(pieces, contacts, ramp, until):
     """Note a piece of the path, if pieces are asked for: its velocities, and the bounds reached at its end."""
-    if pieces.shape[0] == 0 or until <= begin:
+    if pieces.shape[0] == 0 or until <= ramp.s:
         return
     pieces[0, COUNT] += 1.0
     row = int(pieces[0, COUNT])
     if row >= pieces.shape[0]:
         return
     n = contacts.shape[0]
-    pieces[row, RAMP] = pieces[0, PRESENT_RAMP]
-    pieces[row, FROM] = begin
+    pieces[row, RAMP] = ramp.number
+    pieces[row, FROM] = ramp.s
     pieces[row, UNTIL] = until
     for i in range(n):
         c = contacts[i]
@@ -372,7 +372,7 @@ def follow_events(contacts, springs, model, ramp):
         _choose(contacts, springs, model, ground, model.curves, ramp, count)
         count = 0
         s = contacts[find_earliest(contacts)].next
-        _note_piece(model.pieces, contacts, ramp.s, min(s, 1.0))
+        _note_piece(model.pieces, contacts, ramp, min(s, 1.0))
         if not s < ramp.end:
             ramp.s = ramp.end
             if find_due_at_end(contacts, model.block, ground, ramp):

@@ -6,7 +6,6 @@ import numpy as np
 
 from ...compiled import entry, inlined, lean
 from .. import state
-from ..pieces import begin_ramp
 from .advance import advance, advance_spring
 from .block import settle
 from .critical.margin import find_margin
@@ -316,7 +315,6 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     for v in range(targets.shape[0]):
         target = targets[v]
         if _begin(contacts, springs, model, ramp, target):
-            begin_ramp(model.pieces, v)
             ramp.effort, ramp.number, ramp.done, ramp.slides = 0, v, 0.0, 0
             _begin_account(ramp)
             ramp.stored = _follow_ramp(contacts, springs, model, ramp, target)

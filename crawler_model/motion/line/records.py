@@ -295,8 +295,8 @@ RAMP = np.dtype(
         ("gain_most", _FLOAT),
         ("overspent", _FLOAT),  # 1 if the budget was spent
         ("unsolved", _FLOAT),  # 1 if no rates were found
-        # on patches of ground
         ("number", _INT),  # of the ramp in the present call
+        # on patches of ground
         ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it
         ("due", _INT),  # 1 + a contact that falls at s; 0 if none is known
         ("falling", _BYTE),  # whether commands rest and bounds fall
