@@ -9,11 +9,14 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.ground import Track
+from ...compiled import compiled
 from ...errors import CommandError
 from ..jump import Jump
 from ..margin import FEW_CONTACTS, visited_margin
 from ..pieces import NO_PIECES
-from . import build, follow, many
+from ..state import WORK, dissipated
+from . import build
+from .follow import follow
 from .records import CONTACT_STATE, FOOT_STATE, JUMP, RAMP, SPRING_STATE, zeros
 
 Scratch = tuple[np.ndarray, tuple[Any, ...]]
@@ -209,7 +212,7 @@ class LineMotion:
                 jumps = zeros(room, JUMP)
                 ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise
                 memory = (*parts[:5], ground, None, parts[7])
-            runaway = follow.follow(state.contacts, state.springs, ramps, memory, targets, account, records)
+            runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
                 return ()
             count = int(ramps["jumps"][0])
@@ -252,7 +255,7 @@ class LineMotion:
         ramps["budget"], ramps["exact"] = budget, True
         output = (accounts, spent, records)
         targets = np.ascontiguousarray(targets)
-        many.follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
+        _follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
 
     def _describe_runaway(self, state: LineState, scratch: Scratch, direction: int) -> str:
         """Build the message about what nothing holds: a part of the body, or all of it on the ground it reaches."""
@@ -272,3 +275,20 @@ class LineMotion:
             f"and friction against sliding {side} to no more than {bound + direction * total:g} N: no equilibrium, the "
             "body would run away"
         )
+
+
+@compiled
+def _follow_many(contacts, springs, ramps, memory, targets, course, output):
+    """Follow straight ramps for each variation: the records of all, and arguments of `LineMotion.follow_many`."""
+    rows, legs = course
+    accounts, spent, records = output
+    path = np.empty((rows.shape[0], targets.shape[2]))
+    for m in range(targets.shape[0]):
+        for v in range(rows.shape[0]):
+            for f in range(path.shape[1]):  # a slice that is assigned takes long to compile
+                path[v, f] = targets[m, rows[v], f]
+        for leg in range(legs.shape[0] - 1):
+            first, last = legs[leg], legs[leg + 1]
+            follow(contacts[m], springs[m], ramps, memory, path[first:last], accounts[m], records[m, first:last])
+            spent[m, leg, 0] = accounts[m, WORK]
+            spent[m, leg, 1] = dissipated(accounts[m])
