@@ -24,7 +24,7 @@ from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
 from .springs.parts import begin_part, begin_parts
-from .timing import find_next
+from .timing import schedule_next
 from .tournament import find_earliest, schedule
 
 
@@ -41,7 +41,7 @@ def _touch_wall(contacts, springs, model, ramp, i):
         if not ramp.falling or springs[end.spring].since < 0.0:
             c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
-        schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
+        schedule_next(contacts, springs, model, ramp, i)
 
 
 @inlined
@@ -118,7 +118,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
                 held = FORWARD | BACKWARD
         c.leaving = c.at & ~held
         leave_border(c, model.ground, ramp, e.contact)
-        schedule(contacts, e.contact, find_next(contacts, springs, model, ramp, e.contact))
+        schedule_next(contacts, springs, model, ramp, e.contact)
         if ramp.path == 0:
             for k in range(c.first, c.last):
                 end = model.ends[k]
@@ -254,7 +254,7 @@ def _schedule_resting(contacts, springs, model, ramp):
     """Find the next events of contacts at rest; all events are then known."""
     for i in range(contacts.shape[0]):
         if contacts[i].at == 0:
-            schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
+            schedule_next(contacts, springs, model, ramp, i)
     ramp.begun = 1
 
 
@@ -267,7 +267,7 @@ def _choose(contacts, springs, model, ground, curves, ramp, count):
     if ground is not None or curves is not None:
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
-            schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
+            schedule_next(contacts, springs, model, ramp, i)
     note_interval(ramp, ramp.s, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 

@@ -9,6 +9,7 @@ from ...rounding import EPS, LATE
 from .ground.borders import find_meeting
 from .records import BACKWARD, FORWARD, KNOT
 from .springs.bends import find_knot
+from .tournament import schedule
 
 
 @inlined
@@ -51,15 +52,8 @@ def _find_knots(contacts, c, springs, ends, curves, ramp, when):
 
 
 @inlined
-def find_next(contacts, springs, model, ramp, i):
-    """Find the next event of a contact whose rates are known.
-
-    Args:
-        contacts: CONTACT, shape (N,); `coming` of contact i, which is at s, is written.
-
-    Returns:
-        The place on the ramp; infinite if there is none up to its end.
-    """
+def schedule_next(contacts, springs, model, ramp, i):
+    """Find the next event of a contact at s whose rates are known, if there is one up to the end of the ramp."""
     c = contacts[i]
     when = find_meeting(c, model.ground, i)
     if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
@@ -70,4 +64,4 @@ def find_next(contacts, springs, model, ramp, i):
         else:
             c.coming = border
     when = _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
-    return when if when <= 1.0 else np.inf
+    schedule(contacts, i, when if when <= 1.0 else np.inf)

@@ -9,8 +9,7 @@ from ....rounding import EPS
 from ..advance import advance, advance_spring
 from ..block import list_contact, settle
 from ..ground.falls import draw, draw_spring
-from ..timing import find_next
-from ..tournament import schedule
+from ..timing import schedule_next
 from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
 from .parts import find_part, side_of
 
@@ -89,7 +88,7 @@ def time_contact(contacts, springs, model, ramp, i):
         draw(contacts, model, model.ground, ramp, i)
     settle(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
-    schedule(contacts, i, find_next(contacts, springs, model, ramp, i))
+    schedule_next(contacts, springs, model, ramp, i)
 
 
 @lean
