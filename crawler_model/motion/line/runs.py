@@ -50,10 +50,10 @@ def _begin_run(run, ramp, v, rate):
 
 
 @lean
-def _find_bounds(run):
+def _find_bounds(run, v, rate):
     """Bound the velocities of the contacts of a run: of those that slide forward from below, of others from above."""
-    change = run.v - run.seen_v
-    other = change + (run.rate - run.seen_rate) * run.compliance
+    change = v - run.seen_v
+    other = change + (rate - run.seen_rate) * run.compliance
     return run.least + min(change, other), run.most + max(change, other)
 
 
@@ -236,10 +236,8 @@ def wake_turning(contacts, springs, block, runs, ramp, count):
         e = block[j]
         if e.run < 0:
             continue
-        run = runs[e.run]
-        change = e.v - elongation_rate(e.flow, e.trial, e.compliance) - run.seen_v
-        other = change + (e.flow - run.seen_rate) * run.compliance
-        if run.least + min(change, other) < 0.0 or run.most + max(change, other) > 0.0:
+        least, most = _find_bounds(runs[e.run], e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)
+        if least < 0.0 or most > 0.0:
             _wake(contacts, springs, runs, ramp, e.run)
             ramp.woken = 1
     return ramp.woken != 0
@@ -304,7 +302,7 @@ def _join(runs, ramp, k):
             parent.stretch += run.stretch + parent.rise * run.compliance
             parent.compliance += run.compliance
             parent.rise += run.rise
-            least, most = _find_bounds(run)
+            least, most = _find_bounds(run, run.v, run.rate)
             parent.least, parent.most = min(parent.least, least), max(parent.most, most)
         k, p = p, parent.parent
 
