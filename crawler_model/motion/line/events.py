@@ -23,7 +23,7 @@ from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLV
 from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
-from .springs.parts import begin_part, begin_parts
+from .springs.parts import begin_parts, next_part
 from .timing import schedule_next
 from .tournament import find_earliest, schedule
 
@@ -316,10 +316,7 @@ def _sample_before(contacts, springs, model, ground, ramp):
     if ground is None:
         return
     begin_parts(contacts, springs, model, model.curves, ramp)
-    n = contacts.shape[0]
-    ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, model.curves, ramp, n)
+    while next_part(model.block, model.curves, ramp, contacts.shape[0]):
         sample_margin(contacts, springs, model, model.curves, ramp)
 
 

@@ -7,7 +7,7 @@ from .critical.translation import choose_step
 from .events import solve_listed
 from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, keep_part, return_to_part, tighten
-from .springs.parts import begin_part, begin_parts, find_pull
+from .springs.parts import begin_parts, find_pull, next_part
 
 MOST_TURNS = 30
 """Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
@@ -55,11 +55,9 @@ def _solve_step(contacts, springs, model, curves, ramp):
 @lean
 def _solve_parts(contacts, springs, model, curves, ramp):
     """Solve an implicit step for each part of the body in turn; returns False if one has no solution."""
-    n = contacts.shape[0]
     begin_parts(contacts, springs, model, curves, ramp)
-    ramp.loose = ramp.undetermined = ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, curves, ramp, n)
+    ramp.loose = ramp.undetermined = 0
+    while next_part(model.block, curves, ramp, contacts.shape[0]):
         model.block[0].hit = model.block[ramp.first].member
         if not solve_listed(contacts, springs, model, ramp, 1):
             return False

@@ -10,7 +10,7 @@ from ...margin import FEW_CONTACTS
 from ..block import size_of_terms
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
-from ..springs.parts import begin_alone, begin_part, begin_parts, find_pull, list_beside, member, present_part
+from ..springs.parts import begin_alone, begin_parts, find_pull, list_beside, member, next_part, present_part
 
 _LATER = 2.0 / 3.0
 """Part of the rest of a ramp after which a critical part must still be critical."""
@@ -130,10 +130,8 @@ def find_margin(contacts, springs, model, curves, ramp, when):
         The margin of the part that is closest, relative to the friction of the part [1]; 0 without friction.
     """
     begin_parts(contacts, springs, model, curves, ramp)
-    n, margin = contacts.shape[0], np.inf
-    ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, curves, ramp, n)
+    margin = np.inf
+    while next_part(model.block, curves, ramp, contacts.shape[0]):
         margin = min(margin, _margin_of_part(contacts, springs, model, curves, ramp, when))
     return margin
 

@@ -16,7 +16,7 @@ from ..ground.falls import draw_all
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..runs import wake_all
 from ..springs.bends import find_lengths
-from ..springs.parts import begin_part, begin_parts, find_pull, member, present_part, side_of
+from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
 from .margin import find_near_part, is_critical, is_near, sample_margin
 
 
@@ -232,22 +232,14 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
 
 
 @lean
-def _choose_in_parts(contacts, springs, model, curves, ramp, count):
-    """Choose the translation of each part that is free at s, if rates in it are new: those of others did not change."""
-    n = contacts.shape[0]
-    if n > FEW_CONTACTS:
-        known = ramp.parts
-        for j in range(count):
-            i = model.block[j].hit
-            seen = known > model.block[i].part >= ramp.parts
-            if not seen and find_near_part(contacts, springs, model, curves, ramp, i):
-                _choose_in_part(contacts, springs, model, curves, ramp)
-        return
-    begin_parts(contacts, springs, model, curves, ramp)
-    ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, curves, ramp, n)
-        _choose_in_part(contacts, springs, model, curves, ramp)
+def _choose_where_new(contacts, springs, model, curves, ramp, count):
+    """Choose the translation of each part that is free at s and in which rates are new: others did not change."""
+    known = ramp.parts
+    for j in range(count):
+        i = model.block[j].hit
+        seen = known > model.block[i].part >= ramp.parts
+        if not seen and find_near_part(contacts, springs, model, curves, ramp, i):
+            _choose_in_part(contacts, springs, model, curves, ramp)
 
 
 @lean
@@ -264,7 +256,12 @@ def choose(contacts, springs, model, curves, ramp, count):
     if curves is None:
         _choose_in_part(contacts, springs, model, curves, ramp)
         return
-    _choose_in_parts(contacts, springs, model, curves, ramp, count)
+    if contacts.shape[0] > FEW_CONTACTS:
+        _choose_where_new(contacts, springs, model, curves, ramp, count)
+        return
+    begin_parts(contacts, springs, model, curves, ramp)
+    while next_part(model.block, curves, ramp, contacts.shape[0]):
+        _choose_in_part(contacts, springs, model, curves, ramp)
 
 
 @lean
@@ -289,12 +286,10 @@ def choose_step(contacts, springs, model, curves, ramp):
     Args:
         contacts: CONTACT, shape (N,), with the rates of their forces.
     """
-    n, end = contacts.shape[0], ramp.friction + ramp.d_friction
+    end = ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
-    ramp.last = 0
-    while ramp.last < n:
-        begin_part(model.block, curves, ramp, n)
+    while next_part(model.block, curves, ramp, contacts.shape[0]):
         if _is_free(contacts, model.block, curves, ramp) or is_near(
             contacts, springs, model, curves, ramp, 1.0, CRITICAL * end
         ):

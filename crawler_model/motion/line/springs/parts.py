@@ -28,11 +28,18 @@ def list_beside(contacts, springs, model, curves, ramp, i):
 
 @lean
 def begin_parts(contacts, springs, model, curves, ramp):
-    """Find the parts of a body, unless they are known.
+    """Find the parts of a body, unless they are known; `next_part` then goes on to the first of them.
 
     Args:
         model: a `Model`, in whose block the contacts of each part are listed together.
     """
+    _list_parts(contacts, springs, model, curves, ramp)
+    ramp.last = 0
+
+
+@lean
+def _list_parts(contacts, springs, model, curves, ramp):
+    """List the contacts of each part together, unless they are listed."""
     if curves is None:
         return
     if ramp.parted:
@@ -69,23 +76,29 @@ def member(block, curves, r):
 
 
 @inlined
-def begin_part(block, curves, ramp, n):
+def next_part(block, curves, ramp, n):
     """Go on to the next part of the body.
 
     Args:
         block: BLOCK, with the list of parts.
         ramp: the RAMP; its present part becomes the one behind.
         n: number of contacts N.
+
+    Returns:
+        Whether there is one.
     """
+    if ramp.last == n:
+        return False
     if curves is None:
         ramp.last = n
-        return
+        return True
     ramp.first = ramp.present = ramp.last
     ramp.last += 1
     while ramp.last < n and block[block[ramp.last].member].part == ramp.present:
         ramp.last += 1
     if not ramp.first <= ramp.witness < ramp.last:
         ramp.witness = ramp.first
+    return True
 
 
 @inlined

@@ -45,16 +45,14 @@ def _find_runaway(contacts):
 
 @lean
 def _find_loose(contacts, springs, model, curves, ramp):
-    """Find what slides: its places in the list of parts, from the first to behind the last, and its direction or 0."""
-    n = contacts.shape[0]
-    if curves is None:
-        return 0, n, _find_runaway(contacts)
-    if ramp.loose == 0:
-        begin_parts(contacts, springs, model, curves, ramp)
-        ramp.present = n  # all parts
-        return 0, n, _find_runaway(contacts)
-    find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
-    return ramp.first, ramp.last, (1 if ramp.loose > 0 else -1)
+    """Find what slides, which becomes the present part, and its direction; 0 if the body is held."""
+    if curves is not None and ramp.loose != 0:
+        find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
+        return 1 if ramp.loose > 0 else -1
+    begin_parts(contacts, springs, model, curves, ramp)
+    ramp.first, ramp.last = 0, contacts.shape[0]
+    ramp.present = ramp.last  # all parts
+    return _find_runaway(contacts)
 
 
 @lean
@@ -78,11 +76,11 @@ def _find_knot(springs, block, curves, ramp, direction):
 
 
 @lean
-def _slide_on_ground(contacts, model, ground, ramp, direction, part, knot):
+def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
     """Slide a part to its next border, or by `knot` if that is nearer; returns False if there is neither."""
     coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
     distance, nearest = knot, -1
-    for r in range(part[0], part[1]):
+    for r in range(ramp.first, ramp.last):
         i = member(model.block, model.curves, r)
         contacts[i].v = float(direction)
         contacts[i].coming = coming
@@ -97,7 +95,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, part, knot):
     near = 1e-14 * (ramp.span + distance)
     if distance > 0.0 and knot == np.inf and not has_fallen(contacts, ground):
         open_jump(contacts[nearest], ground, ramp, nearest, border_of(ground.feet[nearest], ground, coming))
-    for r in range(part[0], part[1]):
+    for r in range(ramp.first, ramp.last):
         i = member(model.block, model.curves, r)
         c = contacts[i]
         gap = gap_of(c, ground.feet[i], ground, coming, c.since)
@@ -149,18 +147,18 @@ def slide(contacts, springs, model, ground, curves, ramp):
             return False
     elif ground is None:
         return False
-    first, last, direction = _find_loose(contacts, springs, model, curves, ramp)
+    direction = _find_loose(contacts, springs, model, curves, ramp)
     if direction == 0:
         return False
     knot = _find_knot(springs, model.block, curves, ramp, direction)
     if ground is not None:
-        if not _slide_on_ground(contacts, model, ground, ramp, direction, (first, last), knot):
+        if not _slide_on_ground(contacts, model, ground, ramp, direction, knot):
             return False
     elif knot == np.inf:
         ramp.runaway = direction
         return False
     else:
-        for r in range(first, last):
+        for r in range(ramp.first, ramp.last):
             _move(contacts[member(model.block, curves, r)], ramp, direction, knot)
     _keep_flat(contacts, springs, curves)
     return True
