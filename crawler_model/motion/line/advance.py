@@ -66,9 +66,7 @@ def advance(c, ramp, s):
 @inlined
 def _work_on(spring, curves, s, change, ds):
     """Compute the work of the actuator while the tension changes up to s; in a bent spring, its own tension counts."""
-    if curves is None:
-        return (spring.tension + 0.5 * change) * spring.d_length * ds
-    if spring.bend < 0:
+    if curves is None or spring.bend < 0:
         return (spring.tension + 0.5 * change) * spring.d_length * ds
     bend = curves.bends[spring.bend]
     length = spring.length + (s - 0.5 * ds) * bend.command

@@ -124,9 +124,7 @@ def _exchange(block, count, last_only):
 @lean
 def _is_loose(ramp, block, curves, count):
     """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
-    if curves is None:
-        return False
-    if ramp.anchored:
+    if curves is None or ramp.anchored:
         return False
     most = least = size = 0.0
     for j in range(count):

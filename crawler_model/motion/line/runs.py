@@ -176,9 +176,7 @@ def find_run(runs, ramp, i):
     Returns:
         Its index; -1 if the contact is awake.
     """
-    if runs is None:
-        return -1
-    if not ramp.asleep:
+    if runs is None or not ramp.asleep:
         return -1
     k = i // ramp.fan
     if not runs[k].sleeps:
@@ -315,9 +313,7 @@ def fall_asleep(contacts, springs, block, runs, ramp, count):
         contacts: CONTACT, shape (N,), with their next events.
         block: BLOCK, with the velocities and rates that were found.
     """
-    if runs is None:
-        return
-    if ramp.path < ramp.shortest:
+    if runs is None or ramp.path < ramp.shortest:
         return
     j = 0
     while j < count:

@@ -127,9 +127,7 @@ def find_meeting(c, ground, i):
     Returns:
         The place on the ramp, infinite if it reaches none.
     """
-    if ground is None:
-        return np.inf
-    if c.v == 0.0:
+    if ground is None or c.v == 0.0:
         return np.inf
     coming = AHEAD if c.v > 0.0 else BEHIND
     gap = gap_of(c, ground.feet[i], ground, coming, c.since)

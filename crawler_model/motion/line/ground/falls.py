@@ -34,9 +34,7 @@ def is_due(c, ground, ramp, i):
     Returns:
         Whether it is.
     """
-    if ground is None:
-        return False
-    if abs(c.v) <= SLIDES:
+    if ground is None or abs(c.v) <= SLIDES:
         return False
     coming = AHEAD if c.v > 0.0 else BEHIND
     foot = ground.feet[i]

@@ -140,9 +140,7 @@ def begin_bend(spring, curves):
     Args:
         spring: a SPRING; `d_length` is the change of its command.
     """
-    if curves is None:
-        return
-    if spring.bend < 0:
+    if curves is None or spring.bend < 0:
         return
     bend = curves.bends[spring.bend]
     bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
@@ -164,9 +162,7 @@ def energy_of(spring, curves):
     Returns:
         The energy [J].
     """
-    if curves is None:
-        return 0.5 * spring.tension * spring.tension * spring.compliance
-    if spring.bend < 0:
+    if curves is None or spring.bend < 0:
         return 0.5 * spring.tension * spring.tension * spring.compliance
     bend = curves.bends[spring.bend]
     u = spring.elongation - spring.length
@@ -207,9 +203,7 @@ def finish_bend(contacts, spring, curves, ramp, length):
     Returns:
         Whether the spring is bent.
     """
-    if curves is None:
-        return False
-    if spring.bend < 0:
+    if curves is None or spring.bend < 0:
         return False
     bend, pieces = curves.bends[spring.bend], curves.pieces
     a, b = contacts[spring.a], contacts[spring.b]

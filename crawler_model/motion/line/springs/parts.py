@@ -40,9 +40,7 @@ def begin_parts(contacts, springs, model, curves, ramp):
 @lean
 def _list_parts(contacts, springs, model, curves, ramp):
     """List the contacts of each part together, unless they are listed."""
-    if curves is None:
-        return
-    if ramp.parted:
+    if curves is None or ramp.parted:
         return
     ramp.parted = 1
     n, block, read = contacts.shape[0], model.block, 0
