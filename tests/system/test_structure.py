@@ -415,7 +415,7 @@ from crawler_model.motion.line.ground import borders, falls, jumps
 from crawler_model.motion.line.springs import bends
 simulate(load_scene("two_anchor_a"), duration=0.1)
 needed = [len(k.signatures) for k in (path.solve_path, path._find_first_flow)]
-others = (bends.find_pieces, runs._form_leaf, runs._wake, borders.set_bound, falls._let_all_fall, jumps.begin_on_ground)
+others = (bends.find_pieces, runs._form_leaf, runs._wake, borders.set_bound, falls._let_all_fall, jumps.place_anew)
 print(min(needed) > 0, sum(len(k.signatures) for k in others))
 """
     cold = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0"}

@@ -10,7 +10,7 @@ from .advance import advance, advance_spring
 from .block import settle
 from .critical.margin import find_margin
 from .events import follow_events
-from .ground.jumps import begin_on_ground, finish_on_ground, place_anew
+from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .records import DONE, SPENT, UNSOLVED, Curves, Model, Terrain
 from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
@@ -22,37 +22,20 @@ ENDS, FOLLOWS, STEPS = range(3)
 
 
 @inlined
-def _begin_bounds(contacts, ground, ramp, target, springs):
-    """Begin the ramp of bounds and loads; returns whether they change."""
-    if ground is not None:
-        return begin_on_ground(contacts, ground, ramp, target, springs)
-    n = contacts.shape[0]
-    loaded = target.shape[0] > springs + 2 * n
-    changed, span = False, 0.0
+def _begin_contacts(contacts, model, ramp, target, springs):
+    """Begin the ramp of all contacts; returns whether bounds or loads change, or one has yet to fall."""
+    n, bounds, changed = contacts.shape[0], target[springs:], False
+    span = friction = d_friction = 0.0  # the fields of a record are stored and loaded again in each round
     for i in range(n):
         c = contacts[i]
-        span = max(span, abs(c.x))
-        c.d_forward = target[springs + i] - c.forward
-        c.d_backward = target[springs + n + i] - c.backward
-        c.d_load = target[springs + 2 * n + i] - c.load if loaded else 0.0
-        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0
-    ramp.span = span
-    return changed
-
-
-@inlined
-def _begin_contacts(contacts, model, ramp, target, springs):
-    """Begin the ramp of all contacts; returns whether bounds or loads change."""
-    changed = _begin_bounds(contacts, model.ground, ramp, target, springs)
-    friction = d_friction = 0.0  # the fields of a record are stored and loaded again in each round
-    for i in range(contacts.shape[0]):
-        c = contacts[i]
+        span = max(span, begin_bounds(c, model.ground, ramp, bounds, i, n))
+        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0 or c.fallen != 0
         friction += c.forward + c.backward
         d_friction += c.d_forward + c.d_backward
         c.since = c.pull = c.force_rate = 0.0
         c.next = np.inf
         c.leaving = c.side = 0
-    ramp.friction, ramp.d_friction = friction, d_friction
+    ramp.span, ramp.friction, ramp.d_friction = span, friction, d_friction
     return changed
 
 
@@ -85,21 +68,6 @@ def _begin(contacts, springs, model, ramp, target):
 
 
 @inlined
-def _finish_bounds(c, ground, ramp, target, i, n):
-    """Set bounds and load of contact i to those at the end of what was followed of the ramp."""
-    if ground is not None:
-        return finish_on_ground(c, ground, ramp, target, i)
-    if ramp.s == 1.0:
-        c.forward, c.backward = target[i], target[n + i]
-        c.load = target[2 * n + i] if target.shape[0] > 2 * n else 0.0
-    else:
-        c.forward += ramp.s * c.d_forward
-        c.backward += ramp.s * c.d_backward
-        c.load += ramp.s * c.d_load
-    c.d_forward = c.d_backward = c.d_load = 0.0
-
-
-@inlined
 def _finish_contacts(contacts, model, ramp, target, springs):
     """Advance contacts to the end of what was followed of the ramp, and set bounds and loads to those there."""
     n, bounds = contacts.shape[0], target[springs:]
@@ -107,7 +75,7 @@ def _finish_contacts(contacts, model, ramp, target, springs):
         c = contacts[i]
         settle(c, ramp)
         advance(c, ramp, ramp.s)
-        _finish_bounds(c, model.ground, ramp, bounds, i, n)
+        finish_bounds(c, model.ground, ramp, bounds, i, n)
         c.force = 0.0
 
 

@@ -1,64 +1,73 @@
-"""Ramps on patches of ground: their bounds, and places after implicit steps."""
+"""The bounds of contacts along a ramp, on any ground, and their places after implicit steps."""
 
 from __future__ import annotations
 
-from ....compiled import lean
+from ....compiled import inlined, lean
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from .borders import border_of, close_jump, gap_of, open_jump, rest_on_border, set_bounds
 
 
-@lean
-def begin_on_ground(contacts, ground, ramp, target, springs):
-    """Begin the ramp of bounds and loads on patches of ground.
+@inlined
+def _begin_command(record, target, i, n):
+    """Begin the ramp of what is commanded of a contact, which a FOOT holds, or the CONTACT where there is none."""
+    record.d_forward = target[i] - record.forward
+    record.d_backward = target[n + i] - record.backward
+    record.d_load = target[2 * n + i] - record.load if target.shape[0] > 2 * n else 0.0
+
+
+@inlined
+def _finish_command(record, ramp, target, i, n):
+    """Set what is commanded of a contact to that at the end of what was followed of the ramp."""
+    if ramp.s == 1.0:
+        record.forward, record.backward = target[i], target[n + i]
+        record.load = target[2 * n + i] if target.shape[0] > 2 * n else 0.0
+    else:
+        record.forward += ramp.s * record.d_forward
+        record.backward += ramp.s * record.d_backward
+        record.load += ramp.s * record.d_load
+    record.d_forward = record.d_backward = record.d_load = 0.0
+
+
+@inlined
+def begin_bounds(c, ground, ramp, target, i, n):
+    """Begin the ramp of the bounds and the load of a contact.
 
     Args:
-        contacts: CONTACT, shape (N,), changed in place.
-        target: L, bounds and, with loads, these, for ground without patches, shape (S + 2 N,) or (S + 3 N,).
-        springs: number of springs S.
+        target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
+        n: number of contacts N.
 
     Returns:
-        Whether bounds or loads change, or a contact has yet to fall.
+        A length whose rounding is that of its position [m].
     """
-    n = contacts.shape[0]
-    loaded = target.shape[0] > springs + 2 * n
-    changed = False
-    ramp.span = 0.0
-    for i in range(n):
-        c, foot = contacts[i], ground.feet[i]
-        foot.d_forward = target[springs + i] - foot.forward
-        foot.d_backward = target[springs + n + i] - foot.backward
-        foot.d_load = target[springs + 2 * n + i] - foot.load if loaded else 0.0
-        forward, backward = c.forward, c.backward
-        set_bounds(c, foot, ground, ramp)
-        if c.fallen & FORWARD:
-            c.forward, c.d_forward = forward, (c.forward - forward) + c.d_forward
-        if c.fallen & BACKWARD:
-            c.backward, c.d_backward = backward, (c.backward - backward) + c.d_backward
-        changed = changed or c.d_forward != 0.0 or c.d_backward != 0.0 or c.d_load != 0.0 or c.fallen != 0
-        ramp.span = max(ramp.span, abs(foot.home) + abs(c.x))
-    return changed
+    if ground is None:
+        _begin_command(c, target, i, n)
+        return abs(c.x)
+    foot, forward, backward = ground.feet[i], c.forward, c.backward
+    _begin_command(foot, target, i, n)
+    set_bounds(c, foot, ground, ramp)
+    if c.fallen & FORWARD:
+        c.forward, c.d_forward = forward, (c.forward - forward) + c.d_forward
+    if c.fallen & BACKWARD:
+        c.backward, c.d_backward = backward, (c.backward - backward) + c.d_backward
+    return abs(foot.home) + abs(c.x)
 
 
-@lean
-def finish_on_ground(c, ground, ramp, target, i):
-    """Set what is commanded of a contact, and its bounds and load, to those at the end of what was followed of a ramp.
+@inlined
+def finish_bounds(c, ground, ramp, target, i, n):
+    """Set the bounds and the load of a contact to those at the end of what was followed of the ramp.
 
     Args:
         c: CONTACT i, advanced to s.
-        target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
+        target: as for `begin_bounds`.
+        n: number of contacts N.
     """
-    foot, s, n = ground.feet[i], ramp.s, ground.feet.shape[0]
+    if ground is None:
+        _finish_command(c, ramp, target, i, n)
+        return
     rest_on_border(c, ground, ramp, i)
+    foot, s = ground.feet[i], ramp.s
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
-    if s == 1.0:
-        foot.forward, foot.backward = target[i], target[n + i]
-        if target.shape[0] > 2 * n:
-            foot.load = target[2 * n + i]
-    else:
-        foot.forward += s * foot.d_forward
-        foot.backward += s * foot.d_backward
-        foot.load += s * foot.d_load
-    foot.d_forward = foot.d_backward = foot.d_load = 0.0
+    _finish_command(foot, ramp, target, i, n)
     set_bounds(c, foot, ground, ramp)
     if ramp.stepping:
         close_jump(c, ground, ramp, i)
