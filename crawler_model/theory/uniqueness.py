@@ -148,7 +148,7 @@ def choose_translation(
     Where contacts represent lengths of ground, an interval may be an artefact of the discretisation: if at its
     midpoint the two ends of an element with friction slide in opposite directions, the continuum has a point at rest
     between them, which determines the translation. The midpoint is then chosen, and the translation counts as unique.
-    (The kernels of `motion.line` have the same rule, `shift`.)
+    (The kernels of `motion.line` have the same rule, `_shift`.)
 
     Args:
         velocity: velocities up to a translation, shape (N,) [m per unit of the ramp], changed in place.

@@ -6,6 +6,7 @@ Args:
     contacts: CONTACT, shape (N,).
     springs: SPRING, shape (S,).
     model: a `Model`.
+    matrix: its matrix; None for chains.
     ramp: the RAMP.
     ends: END, shape (2 S,).
     block: BLOCK, memory for the present block.
@@ -13,11 +14,15 @@ Args:
     curves: a `Curves`; None if all springs are linear.
     pieces: PIECE, of all curves.
     ground: a `Terrain`; None on ground that is the same everywhere.
+    s: place on the ramp, or on the fall that the contact or the spring takes part in.
+    n: number of contacts N.
     c: the CONTACT.
     i: its index.
     foot: its FOOT.
     spring: the SPRING.
     bend: its BEND.
+    z: its elongation [m].
+    u: z - L [m].
     count: number of contacts of the block, or of its rows where a sleeping run is one.
     coming: the border, AHEAD or BEHIND.
 """

@@ -38,12 +38,7 @@ def move(c, distance):
 
 @inlined
 def advance(c, ramp, s):
-    """Advance a contact to s, and account for the friction and the load on its way.
-
-    Args:
-        ramp: the RAMP, whose account is added to.
-        s: place on the ramp, or on the fall that it takes part in.
-    """
+    """Advance a contact to s, and account for the friction and the load on its way."""
     begin, c.since = c.since, s
     ds = s - begin
     if not ds > 0.0:
@@ -75,12 +70,7 @@ def _work_on(spring, curves, s, change, ds):
 
 @inlined
 def advance_spring(spring, curves, ramp, s):
-    """Advance the tension of a spring to s, and account for the work of its actuator.
-
-    Args:
-        ramp: the RAMP, whose account is added to.
-        s: place on the ramp.
-    """
+    """Advance the tension of a spring to s, and account for the work of its actuator."""
     ds = s - spring.since
     spring.since = s
     if ds > 0.0:

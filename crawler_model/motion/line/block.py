@@ -232,11 +232,7 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
 
 @inlined
 def passes_guard(contacts, block, ramp, count):
-    """Determine whether a guard of a solved block slides, so that the block has to be found anew, beyond it.
-
-    Args:
-        contacts: CONTACT, shape (N,); the guard begins to slide.
-        ramp: the RAMP, whose reach grows.
+    """Let a guard of a solved block slide, and find out if one does: the block has to be found anew, further beyond it.
 
     Returns:
         Whether one does.
@@ -306,10 +302,6 @@ def _find_mesh(contacts, springs, model, ramp, i):
 @inlined
 def find_block(contacts, springs, model, matrix, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
-
-    Args:
-        model: a `Model`, whose block is written.
-        matrix: its matrix.
 
     Returns:
         The number of rows.

@@ -344,8 +344,6 @@ def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
 
     Args:
-        contacts: CONTACT, shape (N,), at the start of the ramp.
-        springs: SPRING, shape (S,), likewise.
         ramp: the RAMP; at the end `s` is the place that was reached, to which contacts and springs have yet to advance.
 
     Returns:

@@ -141,7 +141,6 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
 
     Args:
         model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.
-        matrix: its matrix; chains have none, and no such block.
     """
     if matrix is None:
         return

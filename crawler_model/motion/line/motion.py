@@ -96,33 +96,15 @@ class LineState:
         return None if self.feet is None else self.feet["place"].copy()
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of the spring forces from their nearest bounds.
-
-        Args:
-            force: g, shape (N,) [N].
-
-        Returns:
-            Shape (N,) [N].
-        """
+        """Compute the distance of the spring forces from their nearest bounds, see `State`."""
         return np.minimum(self.contacts["forward"] - force, force + self.contacts["backward"])
 
     def visited_margin(self, force: np.ndarray) -> float:
-        """Compute how close all contacts are to sliding at once.
-
-        Args:
-            force: g, shape (N,) [N].
-
-        Returns:
-            The margin [1].
-        """
+        """Compute how close all contacts are to sliding at once [1], see `State`."""
         return visited_margin(force, self.contacts["forward"], self.contacts["backward"])
 
     def copy(self) -> LineState:
-        """Copy the state.
-
-        Returns:
-            An independent state with the same numbers.
-        """
+        """Copy the state, see `State`."""
         feet = None if self.feet is None else self.feet.copy()
         return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet)
 
@@ -137,11 +119,7 @@ class LineState:
             self.feet[:] = kept.feet
 
     def bits(self) -> bytes:
-        """Return all numbers that last from ramp to ramp as bytes, for comparison.
-
-        Returns:
-            The bytes of all fields, one after another.
-        """
+        """Return all numbers that last from ramp to ramp as bytes, see `State`."""
         parts = [self.contacts[name] for name, _ in CONTACT_STATE] + [self.springs[name] for name in SPRING_STATE]
         if self.feet is not None:
             parts += [self.feet[name] for name in FOOT_STATE]

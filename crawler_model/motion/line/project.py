@@ -105,11 +105,7 @@ def _find_zero(breaks, ramp, spring):
 
 @lean
 def project(model, ramp, count):
-    """Find which contacts of a path slide.
-
-    Args:
-        model: a `Model`; the sides of its block are written.
-    """
+    """Find which contacts of a path slide, and write their sides in its block."""
     block, breaks = model.block, model.breaks
     ramp.left, ramp.right = 0, breaks.shape[0]
     ramp.low = ramp.high = ramp.compliance = 0.0

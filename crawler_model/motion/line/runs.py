@@ -124,13 +124,7 @@ def _wake_within(contacts, springs, runs, ramp, first, last):
 
 @lean
 def wake_all(contacts, springs, runs, ramp):
-    """Wake all runs.
-
-    Args:
-        contacts: CONTACT, shape (N,), changed in place.
-        springs: SPRING, shape (N - 1,), likewise.
-        runs: RUN, parents behind their children, changed in place; None for short chains and other bodies.
-        ramp: the RAMP, whose account is added to.
+    """Wake all runs: their contacts are moved, and their account is added to that of the ramp.
 
     Returns:
         Whether any were asleep; blocks found before must then be found anew.
@@ -149,8 +143,6 @@ def wake_block(contacts, springs, block, runs, ramp, count):
     """Wake the runs of a block, which must then be found anew.
 
     Args:
-        contacts: CONTACT, shape (N,), changed in place.
-        springs: SPRING, shape (N - 1,), likewise.
         ramp: the RAMP; `woken` is set if there are any.
 
     Returns:
@@ -221,9 +213,6 @@ def enter_run(contacts, runs, e, k):
 @inlined
 def wake_turning(contacts, springs, block, runs, ramp, count):
     """Wake the runs of a solved block in which a contact may turn round.
-
-    Args:
-        block: BLOCK, with the velocities and rates that were found.
 
     Returns:
         Whether there are any; the block must then be found anew.
@@ -307,12 +296,7 @@ def _join(runs, ramp, k):
 
 @lean
 def fall_asleep(contacts, springs, block, runs, ramp, count):
-    """Let runs of contacts of a solved block fall asleep.
-
-    Args:
-        contacts: CONTACT, shape (N,), with their next events.
-        block: BLOCK, with the velocities and rates that were found.
-    """
+    """Let runs of contacts of a solved block fall asleep."""
     if runs is None or ramp.path < ramp.shortest:
         return
     j = 0

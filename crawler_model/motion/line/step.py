@@ -74,8 +74,6 @@ def take_step(contacts, springs, model, ramp):
     whole is then solved once more, from its own solution, which takes rounding away.
 
     Args:
-        contacts: CONTACT, shape (N,), changed in place.
-        springs: SPRING, shape (S,), likewise.
         ramp: the RAMP; at the end `s` is 1, to which contacts and springs have yet to advance.
 
     Returns:

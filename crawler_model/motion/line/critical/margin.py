@@ -55,7 +55,6 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     begins with the contact that ended the one before: mostly, that one is still far from its bounds.
 
     Args:
-        ramp: the RAMP, whose witness is updated.
         when: the place on the ramp.
         limit: sum of the distances from the bounds up to which they count as zero [N].
 
@@ -138,11 +137,7 @@ def find_margin(contacts, springs, model, curves, ramp, when):
 
 @inlined
 def sample_margin(contacts, springs, model, curves, ramp):
-    """Update the visited margin of a small body by the present part at s, unless it jumps.
-
-    Args:
-        ramp: the RAMP, whose margin is updated.
-    """
+    """Update the visited margin of a small body by the present part at s, unless it jumps."""
     if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
         ramp.visited = min(ramp.visited, _margin_of_part(contacts, springs, model, curves, ramp, ramp.s))
 
@@ -158,10 +153,6 @@ def _find_limit(ramp, part):
 @lean
 def find_near_part(contacts, springs, model, curves, ramp, i):
     """List the part of a contact, as `find_part`, as long as none of its contacts is away from its bounds.
-
-    Args:
-        model: a `Model`, in whose block the contacts are listed.
-        ramp: the RAMP; the parts of the body are unknown afterwards.
 
     Returns:
         Whether the whole part is listed, so that it may be critical; it is then the present one.

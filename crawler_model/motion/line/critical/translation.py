@@ -146,18 +146,13 @@ def _put_on_bound(c, s):
 
 
 @lean
-def shift(contacts, springs, model, curves, ramp, s, until):
+def _shift(contacts, springs, model, curves, ramp, s, until):
     """Add to the velocities of the present part the admissible translation that is nearest to no net translation.
 
-    Its interval is kept for `note_interval`. Where contacts represent lengths of ground, an interval may be an artefact
+    Its interval is kept for `note_interval`. The friction in the middle of the stretch, which begins at s and ends at
+    `until`, counts: it may vanish at an end. Where contacts represent lengths of ground, an interval may be an artefact
     of the mesh: if at its middle the two ends of an element with friction slide in opposite directions, a point at rest
     between them determines the translation. The middle is then chosen, and the translation counts as unique.
-
-    Args:
-        contacts: CONTACT, shape (N,), at s; their velocities are changed.
-        ramp: the RAMP, whose account is added to.
-        s: where the stretch begins.
-        until: where it ends; the friction in its middle counts, as it may vanish at an end.
     """
     net = size = total = pull = weight = 0.0
     block = model.block
@@ -209,9 +204,7 @@ def note_interval(ramp, s, until):
     """Add the interval of the translations that were chosen to the account, unless they last an instant.
 
     Args:
-        ramp: the RAMP, whose account is added to.
-        s: where the stretch begins.
-        until: where it ends.
+        until: where the stretch that begins at s ends.
     """
     lasts = (until - s) * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
     if lasts and ramp.shifted == SEVERAL:
@@ -228,7 +221,7 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     if critical or _is_free(contacts, model.block, curves, ramp):
         if not ramp.shifted:
             _begin_shift(contacts, springs, model, ramp)
-        shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+        _shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
 
 
 @lean
@@ -249,7 +242,6 @@ def choose(contacts, springs, model, curves, ramp, count):
     All blocks are then solved at the next event.
 
     Args:
-        contacts: CONTACT, shape (N,), with their next events.
         count: number of contacts that were listed to be solved around.
     """
     ramp.shifted = 0
@@ -281,11 +273,7 @@ def _begin_shift(contacts, springs, model, ramp):
 
 @lean
 def choose_step(contacts, springs, model, curves, ramp):
-    """Choose the translation of each part in an implicit step, if all its forces at its end are at their bounds.
-
-    Args:
-        contacts: CONTACT, shape (N,), with the rates of their forces.
-    """
+    """Choose the translation of each part in an implicit step, if all its forces at its end are at their bounds."""
     end = ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
@@ -293,5 +281,5 @@ def choose_step(contacts, springs, model, curves, ramp):
         if _is_free(contacts, model.block, curves, ramp) or is_near(
             contacts, springs, model, curves, ramp, 1.0, CRITICAL * end
         ):
-            shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
+            _shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
     note_interval(ramp, 0.0, 1.0)

@@ -106,9 +106,6 @@ def border_of(foot, ground, coming):
 def gap_of(c, foot, ground, coming, s):
     """Compute the distance of a contact from its next border at s.
 
-    Args:
-        s: place on the ramp.
-
     Returns:
         The distance, infinite without a border [m].
     """
@@ -236,11 +233,7 @@ def open_jump(c, ground, ramp, i, border):
 
 @lean
 def close_jump(c, ground, ramp, i):
-    """End the jump of a contact, if it is in one.
-
-    Args:
-        ramp: the RAMP; what is lost is added to.
-    """
+    """End the jump of a contact, if it is in one, and add what is lost to the account."""
     foot = ground.feet[i]
     if foot.jump == 0:
         return
@@ -258,9 +251,6 @@ def rest_on_border(c, ground, ramp, i):
     """Put a contact that stops within rounding of a border onto it, unless it falls there.
 
     Otherwise a contact that comes to rest there, or begins to slide as a ramp ends, would stand a hair beside it.
-
-    Args:
-        c: CONTACT i, advanced to s.
     """
     if ground is None:
         return

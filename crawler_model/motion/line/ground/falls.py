@@ -48,10 +48,7 @@ def is_due(c, ground, ramp, i):
 
 @lean
 def find_due(contacts, block, ground, ramp, count):
-    """Look for a contact of a block that is at a border beyond which the ground holds less, before its rates change.
-
-    Args:
-        ramp: the RAMP; `due` is set.
+    """Note as `due` a contact of a block at a border beyond which the ground holds less, before its rates change.
 
     Returns:
         Whether there is one.
@@ -67,10 +64,7 @@ def find_due(contacts, block, ground, ramp, count):
 
 @lean
 def find_due_at_end(contacts, block, ground, ramp):
-    """Look for a contact that is at such a border at the end of the ramp or of the fall.
-
-    Args:
-        ramp: the RAMP, at its end; `due` is set.
+    """Note as `due` a contact that is at such a border at the end of the ramp or of the fall.
 
     Returns:
         Whether there is one.

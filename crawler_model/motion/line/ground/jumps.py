@@ -34,7 +34,6 @@ def begin_bounds(c, ground, ramp, target, i, n):
 
     Args:
         target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
-        n: number of contacts N.
 
     Returns:
         A length whose rounding is that of its position [m].
@@ -57,9 +56,7 @@ def finish_bounds(c, ground, ramp, target, i, n):
     """Set the bounds and the load of a contact to those at the end of what was followed of the ramp.
 
     Args:
-        c: CONTACT i, advanced to s.
         target: as for `begin_bounds`.
-        n: number of contacts N.
     """
     if ground is None:
         _finish_command(c, ramp, target, i, n)
@@ -82,9 +79,6 @@ def finish_bounds(c, ground, ramp, target, i, n):
 @lean
 def place_anew(contacts, ground, ramp):
     """Find the places of contacts after a step that has passed over borders; those that are not held there fall.
-
-    Args:
-        contacts: CONTACT, shape (N,), at the end of the step, changed in place.
 
     Returns:
         Whether any falls.

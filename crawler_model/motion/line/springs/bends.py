@@ -66,8 +66,6 @@ def find_pieces(bend, pieces, u, z, direction):
 
     Args:
         bend: a BEND; its pieces are written.
-        u: z - L [m].
-        z: elongation [m].
         direction: in which u goes on from a knot, opposite to that of z; 0 if either piece will do.
     """
     bend.actuator = _find_piece(pieces, bend.actuator, u, direction)
@@ -75,7 +73,7 @@ def find_pieces(bend, pieces, u, z, direction):
 
 
 @lean
-def set_stiffness(spring, bend, pieces):
+def _set_stiffness(spring, bend, pieces):
     """Make a spring linear, as it is on its present pieces."""
     actuator, passive = pieces[bend.actuator], pieces[bend.passive]
     slope = actuator.slope
@@ -97,8 +95,6 @@ def find_way(bend, pieces, z, u, direction):
     """Find how far a spring can grow or shrink until it is at a knot.
 
     Args:
-        z: elongation [m].
-        u: z - L [m].
         direction: > 0 if it grows, < 0 if it shrinks.
 
     Returns:
@@ -125,7 +121,7 @@ def change_piece(contacts, spring, bend, pieces, ramp, coming):
         bend.actuator += coming
     else:
         bend.passive += coming // 2
-    set_stiffness(spring, bend, pieces)
+    _set_stiffness(spring, bend, pieces)
     change = pull - spring.stiffness * spring.d_length
     contacts[spring.a].pull += change
     contacts[spring.b].pull -= change
@@ -149,15 +145,12 @@ def begin_bend(spring, curves):
     if bend.command == 0.0:
         bend.actuator = _find_softer(curves.pieces, bend.actuator, u)
         bend.passive = _find_softer(curves.pieces, bend.passive, z)
-    set_stiffness(spring, bend, curves.pieces)
+    _set_stiffness(spring, bend, curves.pieces)
 
 
 @inlined
 def energy_of(spring, curves):
     """Compute the energy of a spring at the end of a ramp.
-
-    Args:
-        spring: a SPRING, with its tension, elongation and length.
 
     Returns:
         The energy [J].
@@ -181,9 +174,6 @@ def _tension_of(bend, pieces, u, z):
 def leash_of(contacts, spring, ramp):
     """Compute by how much a tension may differ from that of its elongation, for the rounding of displacements.
 
-    Args:
-        contacts: CONTACT, shape (N,), advanced.
-
     Returns:
         The difference [N].
     """
@@ -195,9 +185,6 @@ def finish_bend(contacts, spring, curves, ramp, length):
     """Advance a spring to the end of what was followed of a ramp, if it is bent.
 
     Args:
-        contacts: CONTACT, shape (N,), advanced to there.
-        spring: a SPRING; its tension is kept as near to that of its lengths as rounding allows.
-        ramp: the RAMP, whose account is added to.
         length: L at the end of the ramp [m].
 
     Returns:
@@ -322,9 +309,6 @@ def _find_yielding(bend, pieces, z, length, rate, stretch):
 @lean
 def find_knot(contacts, spring, curves, ramp):
     """Find when a bent spring comes to its next knot.
-
-    Args:
-        spring: a SPRING that is bent.
 
     Returns:
         The place on the ramp; infinite if it comes to none.

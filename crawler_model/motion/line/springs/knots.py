@@ -78,11 +78,11 @@ def time_knots(contacts, springs, model, curves, ramp, count):
             end = model.ends[k]
             o = contacts[end.other]
             if end.sign < 0.0 and o.mark != c.mark and springs[end.spring].bend >= 0:
-                time_contact(contacts, springs, model, ramp, end.other)
+                _time_contact(contacts, springs, model, ramp, end.other)
 
 
 @lean
-def time_contact(contacts, springs, model, ramp, i):
+def _time_contact(contacts, springs, model, ramp, i):
     """Advance a contact to s, and find its next event anew."""
     if ramp.falling:
         draw(contacts, model, model.ground, ramp, i)
@@ -116,7 +116,6 @@ def change_pieces(contacts, springs, curves, ramp, one_only):
     """Find the pieces on which bent springs are at the end of an implicit step that has been solved.
 
     Args:
-        contacts: CONTACT, shape (N,), with their displacements as velocities.
         one_only: whether only the last spring changes that has to, by Murty's rule.
 
     Returns:

@@ -28,11 +28,7 @@ def list_beside(contacts, springs, model, curves, ramp, i):
 
 @lean
 def begin_parts(contacts, springs, model, curves, ramp):
-    """Find the parts of a body, unless they are known; `next_part` then goes on to the first of them.
-
-    Args:
-        model: a `Model`, in whose block the contacts of each part are listed together.
-    """
+    """Find the parts of a body, unless they are known; `next_part` then goes on to the first of them."""
     _list_parts(contacts, springs, model, curves, ramp)
     ramp.last = 0
 
@@ -77,11 +73,6 @@ def member(block, curves, r):
 def next_part(block, curves, ramp, n):
     """Go on to the next part of the body.
 
-    Args:
-        block: BLOCK, with the list of parts.
-        ramp: the RAMP; its present part becomes the one behind.
-        n: number of contacts N.
-
     Returns:
         Whether there is one.
     """
@@ -113,12 +104,7 @@ def begin_alone(block, ramp, i):
 
 @lean
 def find_part(contacts, springs, model, curves, ramp, i):
-    """List the part of one contact alone, in proportion to its size; it becomes the present one.
-
-    Args:
-        model: a `Model`, in whose block the contacts of the part are listed.
-        ramp: the RAMP; the parts of the body are unknown afterwards.
-    """
+    """List the part of one contact alone, in proportion to its size; it becomes the present one, see `begin_alone`."""
     begin_alone(model.block, ramp, i)
     read = 0
     while read < ramp.last:
@@ -160,7 +146,6 @@ def side_of(spring, block, part):
     """Find which end of a spring is in a part, if one is and the other is not.
 
     Args:
-        block: BLOCK, with the list of parts.
         part: number of the part.
 
     Returns:

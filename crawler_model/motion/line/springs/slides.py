@@ -133,9 +133,6 @@ def slide(contacts, springs, model, ground, curves, ramp):
     """Slide contacts that nothing holds any more to the next knot or border.
 
     Args:
-        contacts: CONTACT, shape (N,), at the end of what was followed of the ramp, changed in place.
-        springs: SPRING, shape (S,), likewise.
-        ground: its `Terrain`, or None.
         ramp: the RAMP; `loose` may be one of the contacts. `runaway` is set if no knot and no border is on the way.
 
     Returns:
