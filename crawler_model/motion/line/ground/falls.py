@@ -119,9 +119,7 @@ def draw(contacts, model, ground, ramp, i):
 @lean
 def draw_all(contacts, model, ground, ramp):
     """Draw all contacts into the present fall, if there is one."""
-    if ground is None:
-        return
-    if ramp.falling:
+    if ground is not None and ramp.falling:
         for i in range(contacts.shape[0]):
             draw(contacts, model, ground, ramp, i)
 
@@ -129,9 +127,7 @@ def draw_all(contacts, model, ground, ramp):
 @lean
 def draw_spring(spring, curves, ground, ramp):
     """Draw a spring whose rate changes into the present fall, if there is one."""
-    if ground is None:
-        return
-    if ramp.falling and spring.since >= 0.0:
+    if ground is not None and ramp.falling and spring.since >= 0.0:
         advance_spring(spring, curves, ramp, ramp.rests)
         spring.since, spring.rate = ramp.s, 0.0
 
