@@ -105,7 +105,15 @@ def _order(pairs: np.ndarray, n: int) -> np.ndarray:
 
 @inlined
 def norm(a, b):
-    """Compute the Euclidean norm of a vector; `math.hypot` is slower, and differs where kernels are interpreted."""
+    """Compute the Euclidean norm of a vector; `math.hypot` is slower, and differs where kernels are interpreted.
+
+    Args:
+        a: one component.
+        b: the other one.
+
+    Returns:
+        The norm.
+    """
     return math.sqrt(a * a + b * b)
 
 
