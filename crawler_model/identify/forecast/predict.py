@@ -16,7 +16,6 @@ from ...arrays import frozen
 from ...derivative.sensitivities import check_differentiable
 from ...errors import CommandError, CrawlerError, SceneError
 from ...notebook import write_html
-from ...rounding import EPS
 from ...scene.file import coerce_scene, load_drive
 from ...scene.scene import Scene
 from ...sweep.vary import Variations, vary
@@ -316,7 +315,6 @@ def _bands(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome]
     ends = []
     for outcome in outcomes:
         half = quantile * np.linalg.norm(outcome.slopes[:, columns] @ factor, axis=1)
-        half[half < EPS * np.abs(outcome.results).max(initial=0.0)] = 0.0  # slopes that underflow nearly
         half[0] += outcome.transient_left if np.isfinite(outcome.transient_left) else 0.0
         ends.append((outcome.results - half, outcome.results + half))
     return np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
