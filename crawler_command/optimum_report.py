@@ -103,7 +103,7 @@ def _number(value: float, digits: int = 6) -> str:
 def _describe_numbers(found: Optimum) -> str:
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):
-        end = "periods do not settle, and these are numbers of the last one that was run"
+        end = "periods have not settled, and the gain is that of the last one of the search"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
     return (

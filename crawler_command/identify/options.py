@@ -17,6 +17,7 @@ _SENSOR_UNITS = {
     "drift": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
     "gain": {"%": 1e-2, "": 1.0},
 }
+"""Units of a property of the sensors, by its name, and how much each is in SI units."""
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z%]*)")
 _FORM = "write lag=20ms, scale=0.2%, drift=1mm or gain=1% for an uncertainty, lag=43ms+-5ms, or lag=fix:43ms to hold it"
 

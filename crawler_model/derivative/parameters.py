@@ -41,7 +41,7 @@ them, and rounding errors of the arrays, relative to their sizes."""
 _GROWS = 8.0
 """Factor by which a difference grows at least where a number jumps, when the step shrinks by `_FINER`."""
 _START = 3
-"""Which of the arrays is the displacement at the start."""
+"""Which of `_arrays` is the displacement at the start."""
 _LINEAR = 1e-13
 """Arrays whose second difference is below this part of their size depend on the parameter linearly."""
 
@@ -330,7 +330,7 @@ def _arrays(scene: Assembly) -> tuple[np.ndarray, ...]:
 
 
 def _sizes(scene: Assembly) -> np.ndarray:
-    """Find the sizes of which rounding errors are parts: those of the numbers themselves, at the start of the body."""
+    """Find what rounding errors are relative to: the size of each number, for the start at least that of the body."""
     arrays = [np.abs(array) for array in _arrays(scene)]
     arrays[_START] = np.maximum(arrays[_START], np.ptp(scene.body.position))
     return np.concatenate([array.ravel() for array in arrays])

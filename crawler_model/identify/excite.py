@@ -194,7 +194,7 @@ class _Search:
         self.guesses = [self.space.origin, *(values for values in near if self._information(values) is not None)]
 
     def grow(self, most: int, interval: float, progress: Callable[[float], None] | None) -> None:
-        """Append waypoints, at most so many, until half widths of intervals are below a given one [1]."""
+        """Append waypoints up to `most`, until the half widths of all intervals are below `interval` [1]."""
         stale, excited = 0, -1
         while self.rows.shape[0] - 1 < most:
             count = min(_AT_ONCE, most - self.rows.shape[0] + 1)

@@ -79,7 +79,8 @@ class Optimum:
             travel.
         travel: sum of all changes of rest lengths in a period [m].
         peak_tension: largest tension in a period [N].
-        transient_left: estimate of how far the gain is from that of the periodic regime [m]; NaN on patches.
+        transient_left: estimate of how far the gain is from that of the periodic regime [m]; infinite where periods
+            have not settled, NaN on patches.
         found_after_s: when the best gait was found [s].
         evaluations: how many candidates were run.
         gradient_norm: by how much the objective would improve to first order if all unknowns moved within their bounds
@@ -88,8 +89,8 @@ class Optimum:
         kinks: when and where it is not, times in a period.
         active_bounds: bounds and limits that the gait reaches.
         alternatives: other local optima, best first.
-        flat: unknowns that change nothing near the optimum.
-        unique: whether no other gait that was found is as good, and no unknown is flat.
+        flat: unknowns that change nothing near the optimum; none where it has no value.
+        unique: whether it has a value, no other gait that was found is as good, and no unknown is flat.
         weaknesses: with `robust`, at which change of each number the gait fails.
         space: the candidates, for the landscape around the optimum.
         point: the optimum in the unit box of the unknowns, shape (P,).

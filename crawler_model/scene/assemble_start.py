@@ -82,8 +82,8 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         x = _step_to(assembly, grip, 0.0 * grip)
         assembly = dataclasses.replace(assembly, start_displacement=frozen(x - x[0]))
     forward, backward, load = _bounds_at_start(assembly)
-    held = ((forward < 0.0) | (backward < 0.0)).any(axis=-1)
-    if not held.any() or (forward + backward < 0.0).any():
+    held = ((forward < 0.0) | (backward < 0.0)).any(axis=-1) & (forward + backward >= 0.0).all(axis=-1)
+    if not held.any():
         return assembly
     if held.ndim:
         start = np.broadcast_to(assembly.start_displacement, (held.size, assembly.body.contacts)).copy()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
+from crawler_model import CommandError, Crawler, Scene, SceneError, simulate, simulate_many, vary
 from crawler_model.theory.regularity import check_regularity
 
 METHODS = ("exact", "catch_up")
@@ -233,6 +233,16 @@ def test_a_relaxed_start_of_a_mesh_with_a_tendon_may_be_on_patches():
         }
     )
     assert start.start_displacement == pytest.approx([0.0, 0.2, 0.3])  # the tendon is slack
+
+
+def test_a_relaxed_start_is_the_same_beside_a_variation_that_is_not_valid():
+    body, values = {"weights": [1.0, 0.0]}, np.linspace(0.05, 0.15, 64)
+    scene = two([0.1, 3.0], [0.1, 3.0], ground={"slope": 20.0}, start="relaxed", body=body)
+    values[30] = -0.5
+    runs = simulate_many(vary(scene, {"friction.backward[0]": values}), 1.0)
+    for i in (0, 29, 31):
+        alone = two([0.1, 3.0], [values[i], 3.0], ground={"slope": 20.0}, start="relaxed", body=body)
+        assert runs.work[i] == pytest.approx(simulate(alone, 1.0).energy.work, rel=1e-12)
 
 
 def test_a_relaxed_start_that_leads_onto_other_ground_is_one_clear_line():

@@ -28,7 +28,7 @@ class Change:
     stiffness: np.ndarray | None = None
 
 
-def apply_gain(scene: Scene, gain: float) -> Any:
+def apply_gain(scene: Scene, gain: float) -> Scene:
     """Multiply all commanded lengths by the gain of the actuators.
 
     Returns:
@@ -37,7 +37,8 @@ def apply_gain(scene: Scene, gain: float) -> Any:
     drive = scene.drive
     rows = drive.rows.copy()
     rows[:, : drive.columns.lengths] *= 1.0 + gain
-    return dataclasses.replace(scene, drive=dataclasses.replace(drive, rows=rows))  # type: ignore[type-var]
+    changed: Any = dataclasses.replace(scene, drive=dataclasses.replace(drive, rows=rows))  # type: ignore[type-var]
+    return changed
 
 
 def apply_changes(
