@@ -49,7 +49,7 @@ def draw_panels(
 
     columns = min(len(sets), 3)
     rows = -(-len(sets) // columns)
-    figure = Figure(figsize=(4.2 * columns, 4.4 * rows), layout="constrained")
+    figure = Figure(figsize=(4.2 * columns, 4.8 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     figure.suptitle(title, parse_math=False)
     for axis, (i, outlines) in zip(axes, sets.items(), strict=False):

@@ -60,7 +60,7 @@ def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], No
     stage = Stage(film, *_GIF_SIZE)
     count = film.time.size
     some = np.unique(np.linspace(0, count - 1, _PALETTE_FRAMES).round().astype(int))
-    shown = np.concatenate([stage.draw(int(k)) for k in some])
+    shown = np.concatenate([stage.draw(int(k)).copy() for k in some])  # each frame is drawn into the same memory
     palette = Image.fromarray(shown).quantize(255, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     colors = np.array(palette.getpalette())
     palette.putpalette(np.where(colors >= _WHITE, 255, colors).tolist())

@@ -61,7 +61,7 @@ def moving_set(film: Film) -> MovingSet | None:
     domains = [StasisDomain(*np.split(row, 2)) for row in different]
     if n == 3:
         shapes = [_polygon(domain) for domain in domains]
-        title = "sweeping process: the polygon moves with $kL$, its sides push the point"
+        title = "sweeping process: the polygon moves with $kL$,\nits sides push the point"
         labels = ("stretch $k_0 z_0$ [N]", "stretch $k_1 z_1$ [N]")
         centre, point = moved, stretch
     else:

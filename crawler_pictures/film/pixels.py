@@ -28,13 +28,13 @@ class Clock:
         """
         width, height = canvas.get_width_height()
         self._rows, self._right = slice(round(0.005 * height), round(0.065 * height)), round(0.985 * width)
-        saved = canvas.copy_from_bbox(figure.bbox)
+        saved, white = canvas.copy_from_bbox(figure.bbox), figure.patch
         text = figure.text(0.5, 0.965, "0" * 10, va="center", fontsize=13, family="monospace")
         self._advance = text.get_window_extent(canvas.get_renderer()).width / 10.0
         left, wide = round(0.5 * width), round(self._advance) + 1
         self._letters = {}
         for letter in "0123456789.-+=ts ":
-            canvas.restore_region(saved)
+            figure.draw_artist(white)  # a long title may reach below the letters
             text.set_text(letter)
             figure.draw_artist(text)
             self._letters[letter] = np.asarray(canvas.buffer_rgba())[self._rows, left : left + wide, :3].copy()

@@ -144,7 +144,6 @@ class Stage:
         if film.planar or n > min(MOST_LINES, _MOST_ROWS):
             joined = draw_states(axes, film.time, film.state, film.names, film.rest if not film.planar else None)
             title = "contacts over time" + (f"; {joined}" if joined else "")
-            axes.set_ylabel("contact")
         else:
             draw_positions(axes, film.time, film.place, film.state, film.names)
             axes.set_ylabel("contacts [m]")

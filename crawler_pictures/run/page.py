@@ -12,7 +12,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.orientation import shape_orientation
 
-from ..colors import BACK, TENSION, TEXT
+from ..colors import ACTUATION, BACK, FORWARD, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
 from ..numbers import label_values
 from .arrays import Commands, RunArrays
@@ -262,9 +262,9 @@ def _explain_bounds(run: RunArrays) -> str:
 def _energy(axis: Axes, run: RunArrays) -> None:
     from matplotlib.lines import Line2D
 
-    styles: Any = zip(run.energy.items(), (("black", "-"), (BACK, "--"), (TENSION, "-")), strict=True)
+    styles: Any = ("black", "-"), (BACK, "--"), (TENSION, "-"), (ACTUATION, "-."), (FORWARD, ":")
     handles = []
-    for (name, values), (color, dash) in styles:
+    for (name, values), (color, dash) in zip(run.energy.items(), styles, strict=False):
         axis.plot(run.time, values, color=color, linewidth=1.4, linestyle=dash)
         handles.append(Line2D([], [], color=color, linewidth=1.4, linestyle=dash, label=name))
     size = max(float(np.nanmax(np.abs(v), initial=0.0)) for v in run.energy.values())

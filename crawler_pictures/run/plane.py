@@ -52,7 +52,8 @@ def draw_plane(
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
     axis.set(xlabel="x [m]", ylabel="y [m]")
-    which = f"all {count} slips" if drawn == count else f"arrows: the {drawn} longest of {count} slips"
+    which = f"arrows: the {drawn} longest of {count} slips" if drawn else f"{count} slips, all too short for arrows"
+    which = f"all {count} slips" if drawn == count else which
     write_title(axis, f"from above; {which}")
     place_legend(
         axis,

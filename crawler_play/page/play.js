@@ -58,6 +58,7 @@ function build() {
   document.title = `${scene.name} - crawler play`;
   at("name").textContent = scene.name;
   at("body").className = scene.planar ? "plane" : "";
+  at("net_title").textContent = scene.planar ? "Net translation along x [m]" : "Net translation [m]";
   for (const id of ["modes", "wave"]) at(id).replaceChildren(at(id).firstElementChild);
   for (const id of ["controls", "keep", "legend", "numbers", "lesson"]) at(id).replaceChildren();
   scene.modes.forEach((mode, k) => {

@@ -103,6 +103,17 @@ def test_a_gif_shows_every_frame_for_its_time(films, tmp_path):
         assert np.abs(np.asarray(shown[k]).astype(int) - stage.draw(k)).mean() < 1.0
 
 
+def test_a_gif_has_the_colors_of_all_frames(tmp_path):
+    """Its palette must not be that of a single frame, as of the last one, where nothing is left to come and pale."""
+    film = film_of("heterogeneous_segment")
+    write_gif(film, tmp_path / "x.gif", 25.0, lambda part: None)
+    shown = [np.array(frame.convert("RGB")) for frame in ImageSequence.Iterator(Image.open(tmp_path / "x.gif"))]
+    stage = Stage(film, 960, 540)
+    for k in range(0, len(shown), 10):
+        far = (np.abs(shown[k].astype(int) - stage.draw(k)) > 24).any(axis=2)
+        assert far.mean() < 1e-4
+
+
 def read_page(file: Path) -> tuple[str, dict]:
     text = file.read_text(encoding="utf-8")
     (data,) = re.findall(r'<script id="data" type="application/json">(.*?)</script>', text, re.DOTALL)

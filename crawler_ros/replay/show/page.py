@@ -48,6 +48,8 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     energy = {}
     if replay.energy is not None:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
+        rare = {"loads_work": "work of the loads", "jump_loss": "lost in jumps"}
+        names |= {name: text for name, text in rare.items() if samples.get(name).any()}
         energy = {text: samples.get(name) for name, text in names.items()}
     y, turns = samples.get("net_translation"), replay.turns
     links = tuple(name_each("link", tension.shape[1]) if scene is None else name_joints(scene.body))

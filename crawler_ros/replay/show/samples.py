@@ -17,6 +17,7 @@ from ..slips import sliding
 
 _MOST, _LEAST, _MOST_NUMBERS = 4000, 1000, 4_000_000
 _SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation", "stored", "command")
+_SUMMED = ("work", "dissipation", "loads_work", "jump_loss")
 
 
 class Samples:
@@ -33,10 +34,10 @@ class Samples:
         )
         self.every = 1
         """Ramps per sample; fewer samples are taken of large bodies."""
-        self._parts: dict[str, list[np.ndarray]] = {name: [] for name in (*_SAMPLED, "state", "work", "dissipation")}
+        self._parts: dict[str, list[np.ndarray]] = {name: [] for name in (*_SAMPLED, *_SUMMED, "state")}
         self._rest: dict[str, np.ndarray] | None = None
         self._count = 0
-        self._sums = np.zeros(2)
+        self._sums = np.zeros(len(_SUMMED))
         self._run, self._offset, self._last = 0, 0, 0
         self.jumps: list[TimedJump] = []
         """All jumps, at times in sequence."""
@@ -51,7 +52,7 @@ class Samples:
             most = min(_MOST, max(_LEAST, _MOST_NUMBERS // max(state.shape[1], 1)))
             self.every = max(-(-self._expected // most), 1)
         taken = {name: getattr(piece, name) for name in _SAMPLED} | {"end_ns": self._in_sequence(piece)}
-        for k, name in enumerate(("work", "dissipation")):
+        for k, name in enumerate(_SUMMED):
             taken[name] = self._sums[k] + np.cumsum(np.nan_to_num(getattr(piece, name)))
             self._sums[k] = taken[name][-1]
         last = np.flatnonzero((np.arange(self._count, self._count + rows) % self.every) == 0)
@@ -84,8 +85,8 @@ class Samples:
         """Join the samples of one quantity; the last one ends with the run.
 
         Args:
-            name: end_ns, position, tension, least, most, net_translation, stored, command, state, work or dissipation;
-                the last two are sums since the start.
+            name: end_ns, position, tension, least, most, net_translation, stored, command or state; or work,
+                dissipation, loads_work or jump_loss, which are sums since the start.
 
         Returns:
             Shape (T, ...); the state of a sample joins those of its ramps, as `pixels.join_states` does.
