@@ -16,7 +16,7 @@ from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene, simulate
 from crawler_pictures.colors import JUMP, rgb
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.page import draw_replay
+from crawler_ros.replay.show.page import draw_replay, read_replay
 from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.show.samples import Samples
 from crawler_ros.replay.show.tables import TableWriter
@@ -82,6 +82,14 @@ def test_the_account_of_energy_closes_with_the_loss(found):
     assert energy["residual"] < 1e-13
     assert sum(cycle.energy.jump_loss for cycle in replay.cycles) == pytest.approx(energy["jump_loss"], abs=1e-15)
     assert all(cycle.energy.residual < 1e-13 for cycle in replay.cycles)
+
+
+def test_the_curves_of_energy_balance_with_the_loss(found):
+    energy = read_replay(*found).energy
+    assert list(energy) == ["work of the actuators", "dissipation", "stored", "lost in jumps"]
+    work, dissipation, stored, lost = energy.values()
+    assert lost[-1] == pytest.approx(0.04, abs=1e-13)
+    assert stored + dissipation + lost == pytest.approx(work, abs=1e-13)
 
 
 def test_margins_and_bounds_are_those_of_the_ground_under_each_contact(bag):
