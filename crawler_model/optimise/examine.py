@@ -27,7 +27,7 @@ _NEAR = 1e-9
 _FLAT_STEP, _COARSE_STEP, _FLAT = 2e-3, 5e-2, 1e-9
 """Steps that show which unknowns change nothing, of exact scores and of coarse ones, and a change that is none."""
 _ALTERNATIVES = 5
-_MOST_PERIODS = {True: 1000, False: 50}
+_EXACT_PERIODS, _FOLLOWED_PERIODS = 1000, 50
 """Periods in which the transient of the best gait is judged at most, where a run is exact and where it is not."""
 _FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
 
@@ -48,6 +48,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
     exact = scene.has_exact_derivatives
+    most_periods = _EXACT_PERIODS if exact else _FOLLOWED_PERIODS
     peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
     regime = dataclasses.replace(regime, peak=peak)
     patched = scene.ground.track is not None
@@ -73,7 +74,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         measure("cost-of-transport", regime),
         regime.travel,
         regime.peak,
-        math.nan if patched else float(limit_cycle(scene, most_periods=_MOST_PERIODS[exact]).transient_left),
+        math.nan if patched else float(limit_cycle(scene, most_periods=most_periods).transient_left),
         found.found_after_s,
         found.evaluations,
         _gradient_norm(space, point, value),

@@ -78,8 +78,8 @@ def relax_loaded(assembly: Assembly) -> Assembly:
     if assembly.parts.start != "relaxed" or body.dimension == 2:
         return assembly
     if body.bends and not body.is_chain:
-        grip = np.ones(2 * body.contacts)
-        x = _step_to(assembly, grip, 0.0 * grip)
+        grip = np.ones(2 * body.contacts)  # without a change there would be no step
+        x = _step_to(assembly, grip, np.zeros_like(grip))
         assembly = dataclasses.replace(assembly, start_displacement=frozen(x - x[0]))
     forward, backward, load = _bounds_at_start(assembly)
     held = ((forward < 0.0) | (backward < 0.0)).any(axis=-1) & (forward + backward >= 0.0).all(axis=-1)
