@@ -127,21 +127,26 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", pipeline_class=Compiler, **more)(function)
     if hasattr(dispatcher, "_cache"):  # it is a plain function where kernels are interpreted
-        dispatcher._compiler.fold_argument_types = _without_literals(dispatcher._compiler.fold_argument_types)
+        dispatcher._compiler.fold_argument_types = _with_plain_integers(dispatcher._compiler.fold_argument_types)
         # RuntimeError: "no locator available": read-only, without a home to write to; or another version of numba
         with contextlib.suppress(RuntimeError, AttributeError):
             dispatcher._cache = _Cache(function)
     return dispatcher
 
 
-def _without_literals(fold: Callable[..., Any]) -> Callable[..., Any]:
-    """Type constants among the arguments of a call as variables: numba compiles a function again for each of them."""
+def _with_plain_integers(fold: Callable[..., Any]) -> Callable[..., Any]:
+    """Type integers among the arguments of a call alike: numba compiles a function again for each constant and size."""
 
     def fold_plain(args: Any, kws: Any) -> Any:
         signature, folded = fold(args, kws)
-        return signature, tuple(types.unliteral(each) for each in folded)  # type: ignore[no-untyped-call]
+        return signature, tuple(map(_plain, folded))
 
     return fold_plain
+
+
+def _plain(kind: Any) -> Any:
+    kind = types.unliteral(kind)  # type: ignore[no-untyped-call]
+    return types.int64 if isinstance(kind, types.Integer) else kind
 
 
 @functools.cache

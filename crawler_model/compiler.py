@@ -5,10 +5,11 @@ from __future__ import annotations
 import functools
 import gc
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core import config, ir, types
+from numba.core import codegen, ir, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import require_global_compiler_lock
@@ -19,6 +20,28 @@ from numba.core.typed_passes import NativeLowering, NoPythonSupportedFeatureVali
 # numba describes the arguments of a kernel anew in each pass: to list all fields of records took 7 % of the time. This
 # holds for other kernels of the process, too, and changes no description.
 types.Record.__repr__ = functools.cache(types.Record.__repr__)  # type: ignore[method-assign]
+
+
+def _resolve_once(resolve: Callable[..., Any]) -> Callable[..., Any]:
+    """Remember the signature that numba finds for a function and the types of its arguments, as of a sum of floats.
+
+    To try all candidates at each call took a tenth of the time.
+    """
+    known: dict[tuple[Any, ...], Any] = {}
+
+    def look_up(function: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws:
+            return resolve(function, context, args, kws)
+        call = function, context, args
+        if call not in known:
+            known[call] = resolve(function, context, args, kws)
+        return known[call]
+
+    return look_up
+
+
+_Function: Any = types.functions.BaseFunction
+_Function.get_call_type = _resolve_once(_Function.get_call_type)
 _GARBAGE = 50_000
 """Objects that are made before garbage is looked for while functions are compiled; at most 10 MB more are in use."""
 
@@ -85,6 +108,17 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
         self._finalize_final_module()  # type: ignore[no-untyped-call]
 
 
+def _build_passes(machine: Any, opt: Any, **_: Any) -> Any:
+    """Build passes of LLVM that neither vectorize nor unroll loops, of which most are over a few contacts or fields.
+
+    It took a tenth of the time of compiling, and made ticks longer. Loops of constant length, as over two components,
+    were unrolled when numba optimized the function.
+    """
+    options = llvm.create_pipeline_tuning_options(opt)
+    options.loop_vectorization = options.loop_unrolling = False
+    return llvm.create_pass_builder(machine, options)
+
+
 class _Whole(JITCodeLibrary):  # type: ignore[misc]
     """The code of a function that Python calls, and of all that it calls.
 
@@ -96,7 +130,12 @@ class _Whole(JITCodeLibrary):  # type: ignore[misc]
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.linkonce_odr:
                 function.linkage = "internal"
-        super()._optimize_final_module()  # type: ignore[no-untyped-call]
+        backend: Any = codegen
+        theirs, backend.create_pass_builder = backend.create_pass_builder, _build_passes
+        try:
+            super()._optimize_final_module()  # type: ignore[no-untyped-call]
+        finally:
+            backend.create_pass_builder = theirs
 
 
 @register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
@@ -207,7 +246,7 @@ class Compiler(CompilerBase):  # type: ignore[misc]
     def compile_extra(self, func: Any) -> Any:
         """Compile a function, with rarer garbage collection and without numba's callbacks around each call of LLVM.
 
-        Each took a tenth of the time. Loops over records are not vectorized: it takes long and makes none faster.
+        Each took a tenth of the time.
 
         Args:
             func: the function.
@@ -216,17 +255,14 @@ class Compiler(CompilerBase):  # type: ignore[misc]
             What numba makes of it.
         """
         lock: Any = llvm.ffi.lib._lock
-        options: Any = config
-        threshold, timers, vectorizes = gc.get_threshold(), lock._cblist, options.LOOP_VECTORIZE
+        threshold, timers = gc.get_threshold(), lock._cblist
         gc.set_threshold(_GARBAGE)
         lock._cblist = []
-        options.LOOP_VECTORIZE = 0
         try:
             return super().compile_extra(func)  # type: ignore[no-untyped-call]
         finally:
             gc.set_threshold(*threshold)
             lock._cblist = timers
-            options.LOOP_VECTORIZE = vectorizes
 
     def define_pipelines(self) -> list[Any]:
         """List the passes.

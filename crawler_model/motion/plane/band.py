@@ -9,8 +9,6 @@ from ...compiled import lean
 def solve_band(band, reach, right):
     """Solve a banded system by Gaussian elimination with partial pivoting.
 
-    Loops run over slices: an index with an offset may be negative to numba, which then does not vectorize.
-
     Args:
         band: element (r, c) of the matrix at [c, 2 reach + r - c], shape (n, 3 reach + 1), overwritten.
         reach: largest distance of an element from the diagonal.
@@ -26,15 +24,13 @@ def solve_band(band, reach, right):
     for j in range(n):
         last = min(n, j + reach + 1)
         scale = 0.0
-        above = band[j, middle - min(j, reach) : middle]
-        for k in range(above.shape[0]):
-            scale = max(scale, abs(above[k]))
+        for k in range(1, min(j, reach) + 1):
+            scale = max(scale, abs(band[j, middle - k]))
         pivot = 0
-        below = band[j, middle : middle + last - j]
-        for k in range(below.shape[0]):
-            if abs(below[k]) > abs(below[pivot]):
+        for k in range(1, last - j):
+            if abs(band[j, middle + k]) > abs(band[j, middle + pivot]):
                 pivot = k
-        top = below[pivot]
+        top = band[j, middle + pivot]
         if top == 0.0:
             return 0.0
         least = min(least, abs(top) / max(scale, abs(top)))
@@ -44,23 +40,17 @@ def solve_band(band, reach, right):
                 at = middle + j - c
                 band[c, at], band[c, at + pivot] = band[c, at + pivot], band[c, at]
             right[j], right[j + pivot] = right[j + pivot], right[j]
-        below = below[1:]
-        rest = right[j + 1 : last]
-        for k in range(below.shape[0]):
-            below[k] /= top
-        for k in range(below.shape[0]):
-            rest[k] -= below[k] * right[j]
+        for k in range(1, last - j):
+            band[j, middle + k] /= top
+            right[j + k] -= band[j, middle + k] * right[j]
         for c in range(j + 1, end):
-            factor = band[c, middle + j - c]
+            at = middle + j - c
+            factor = band[c, at]
             if factor != 0.0:
-                column = band[c, middle + j + 1 - c : middle + last - c]
-                for k in range(below.shape[0]):
-                    column[k] -= below[k] * factor
+                for k in range(1, last - j):
+                    band[c, at + k] -= band[j, middle + k] * factor
     for j in range(n - 1, -1, -1):
         right[j] /= band[j, middle]
-        first = max(0, j - middle)
-        rest = right[first:j]
-        above = band[j, middle + first - j : middle]
-        for k in range(above.shape[0]):
-            rest[k] -= above[k] * right[j]
+        for k in range(1, min(j, middle) + 1):
+            right[j - k] -= band[j, middle - k] * right[j]
     return least
