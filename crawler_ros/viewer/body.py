@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
@@ -17,7 +16,18 @@ from crawler_pictures.strokes import WORDS, friction_strokes
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
-from .looks import BACKGROUND, FAINT, MOVING, STATES, TEXT, YIELDS, bounds_of_grid, color_of, draw_grid
+from .looks import (
+    FAINT,
+    MOVING,
+    STATES,
+    TEXT,
+    YIELDS,
+    bounds_of_grid,
+    build_flat_view,
+    color_of,
+    draw_grid,
+    line_radius,
+)
 
 MOST_CONTACTS = 400
 """Contacts that are drawn; of larger bodies evenly spaced ones."""
@@ -95,7 +105,7 @@ class _View:
                 _rope(start, end, self._radius, bow) if slack else _spring(start, end, self._radius, bow)
                 for (start, end), bow, slack in parts
             ]
-            thickness = 0.1 * self._radius
+            thickness = line_radius(0.1 * self._radius, self._length)
             if states.any():
                 thickness = thickness * np.array([0.5, 1.0, 2.0])[1 + states]
         colors = [YIELDS.get(state, color_of(i)) for i, state in enumerate(states.tolist())]
@@ -119,7 +129,7 @@ class _View:
             origins=start,
             vectors=reach * ways[slides],
             colors=[rgb(FORWARD) if self._planar else colors[k] for k in slides.tolist()] or None,
-            radii=0.2 * self._radius,
+            radii=line_radius(0.2 * self._radius, self._length),
             draw_order=5.0,
         )
         self._stream.log("world/slips", arrows)
@@ -145,10 +155,9 @@ class TrackView(_View):
     def build_view(self) -> Any:
         """Build the view."""
         below = 0.42 if self._paved else 0.22
-        bounds = rrb.VisualBounds2D(x_range=self._window.tolist(), y_range=[-0.25 * self._length, below * self._length])
         name = f"Crawler on its track{self._note}: green slips forward, red slips back, grey sticks"
-        name += self._yields
-        return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
+        bounds = np.array([self._window, [-0.25 * self._length, below * self._length]])
+        return build_flat_view(self._stream, "world", name + self._yields, bounds)
 
     def draw(self, frame: Frame) -> None:
         """Log a frame at its time, which is set.
@@ -222,7 +231,6 @@ class PlaneView(_View):
 
     def build_view(self) -> Any:
         """Build the view."""
-        bounds = bounds_of_grid(self._low, self._high)
         directions = (
             "short strokes: directions of friction"
             if len(self._scene.directions)
@@ -231,7 +239,7 @@ class PlaneView(_View):
         if self._scene.body.turning is not None:
             directions = f"{WORDS}; magenta: jumped"
         name = f"Crawler from above{self._note}: green slides, grey sticks; white: path of the mean; {directions}"
-        return rrb.Spatial2DView(origin="world", name=name, background=BACKGROUND, visual_bounds=bounds)
+        return build_flat_view(self._stream, "world", name, bounds_of_grid(self._low, self._high))
 
     def draw(self, frame: Frame) -> None:
         """Log a frame at its time, which is set.

@@ -14,6 +14,8 @@ from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import Section, list_sections, trace_profile
 
+from .looks import line_radius
+
 _ROWS = 12  # lines that fill a band: a single thick one would have round ends beyond its borders
 _LETTER = 0.0145  # width of a letter in a window of the usual size, in body lengths
 _SHOWN_NS = 200_000_000
@@ -41,7 +43,7 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
             made, radius = _fill(section.start - origin, section.end - origin, 0.05 * length)
             lines += made
             colors += [rgb(section.color)] * len(made)
-            radii += [radius] * len(made)
+            radii += [line_radius(radius, length)] * len(made)
     stream.log("world/ground", rr.LineStrips2D(lines, colors=colors, radii=radii, draw_order=-20.0))
     sections.sort(key=lambda section: section.middle)
     texts = rr.Points2D(
@@ -146,7 +148,7 @@ class JumpMarks:
                 origins=[((jump.border or 0.0) - origin, -0.15 * self._length) for jump in self._marked],
                 vectors=[(jump.distance, 0.0) for jump in self._marked],
                 colors=[rgb(JUMP)],
-                radii=0.008 * self._length,
+                radii=line_radius(0.008 * self._length, self._length),
                 draw_order=10.0,
             ),
         )

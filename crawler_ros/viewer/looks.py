@@ -26,6 +26,8 @@ LINES = (
 LINE_NAMES = ("blue", "orange", "violet", "turquoise", "pink", "olive", "brown", "white")
 BOUND, FAINT, TEXT = (150, 150, 150), (70, 74, 76), (225, 225, 225)
 MOVING, BOTH = (235, 235, 235), (240, 205, 70)
+_SMALLEST = 1e-3
+"""Smaller views are magnified: the viewer draws nothing of 1e-5, and keeps radii of lines as half floats."""
 
 
 def color_of(number: int) -> tuple[int, int, int]:
@@ -60,7 +62,7 @@ def draw_grid(stream: Any, entity: str, low: np.ndarray, high: np.ndarray, step:
     stream.log(f"{entity}/numbers", labels, static=True)
 
 
-def bounds_of_grid(low: np.ndarray, high: np.ndarray) -> Any:
+def bounds_of_grid(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Choose the part of a view that shows a grid of `draw_grid` with its numbers.
 
     Args:
@@ -68,9 +70,41 @@ def bounds_of_grid(low: np.ndarray, high: np.ndarray) -> Any:
         high: upper right corner, shape (2,).
 
     Returns:
-        The visible region.
+        Both ends of x and of y, which points down, shape (2, 2).
     """
     margin = 0.1 * float((high - low).max())
-    return rrb.VisualBounds2D(
-        x_range=[low[0] - margin, high[0] + margin], y_range=[-high[1] - margin, -low[1] + margin]
-    )
+    return np.array([[low[0] - margin, high[0] + margin], [-high[1] - margin, -low[1] + margin]])
+
+
+def line_radius(radius: float, length: float) -> float:
+    """Return the radius of a line in the picture of a body.
+
+    Args:
+        radius: the radius [m].
+        length: of the body, about a quarter of the view [m].
+
+    Returns:
+        The same; of a small body it is in points, which rerun takes negative.
+    """
+    return radius if 4.0 * length >= _SMALLEST else -400.0 * radius / length
+
+
+def build_flat_view(stream: Any, entity: str, name: str, bounds: np.ndarray) -> Any:
+    """Build a view from above, magnified where it is too small for the viewer.
+
+    Args:
+        stream: the recording to log to.
+        entity: parent of what is shown.
+        name: of the view.
+        bounds: both ends of x and of y, shape (2, 2).
+
+    Returns:
+        The view.
+    """
+    size, origin, shown = float(np.ptp(bounds, axis=1).max()), entity, "$origin/**"
+    if 0.0 < size < _SMALLEST:
+        scale = 10.0 ** -np.floor(np.log10(size))
+        stream.log(entity, rr.Transform3D(scale=scale), static=True)
+        bounds, origin, shown = scale * bounds, "/", f"{entity}/**"
+    part = rrb.VisualBounds2D(x_range=bounds[0].tolist(), y_range=bounds[1].tolist())
+    return rrb.Spatial2DView(origin=origin, contents=shown, name=name, background=BACKGROUND, visual_bounds=part)

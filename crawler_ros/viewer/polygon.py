@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from crawler_model import Scene
 from crawler_model.theory.stasis import StasisDomain
@@ -15,7 +14,7 @@ from crawler_pictures.domain_many import sides_of
 from crawler_pictures.film.camera import round_step
 
 from .frames import Frame
-from .looks import BACKGROUND, BOUND, MOVING, STATES, bounds_of_grid, draw_grid
+from .looks import BOUND, MOVING, STATES, bounds_of_grid, build_flat_view, draw_grid
 
 _TRAIL = 100
 
@@ -44,9 +43,8 @@ class PolygonView:
 
     def build_view(self) -> Any:
         """Build the view."""
-        bounds = bounds_of_grid(self._low, self._high)
         name = "Stasis polygon: tension of link 0 right, of link 1 up [N]; at green sides forward, at red back"
-        return rrb.Spatial2DView(origin="stasis", name=name, background=BACKGROUND, visual_bounds=bounds)
+        return build_flat_view(self._stream, "stasis", name, bounds_of_grid(self._low, self._high))
 
     def draw(self, frame: Frame) -> None:
         """Log a frame at the time that is set.

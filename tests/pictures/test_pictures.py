@@ -170,6 +170,26 @@ def test_the_view_shows_a_slipping_and_two_standing_contacts(tmp_path):
     assert count(polygon, GREEN) > 300
 
 
+@needs_renderer
+def test_a_body_of_micrometres_is_seen_as_one_of_decimetres_is(tmp_path):
+    """The viewer draws nothing of that size, unless it is magnified."""
+    document = load_scene("three_contacts_two_ways").document()
+    for part, key in (("body", "contacts"), ("friction", "isotropic"), ("drive", "actuation")):
+        document[part][key] = (1e-5 * np.array(document[part][key])).tolist()
+    (tmp_path / "small.yaml").write_text(json.dumps(document))
+    pictures = []
+    for name in ("three_contacts_two_ways", str(tmp_path / "small.yaml")):
+        rrd = draw(name, tmp_path / "x.rrd")
+        assert ("/world" in entities(rrd), "/stasis" in entities(rrd)) == (len(pictures) == 1,) * 2
+        screenshot(rrd, tmp_path / "x.png", 1.2)
+        pictures.append(np.asarray(Image.open(tmp_path / "x.png").convert("RGB")).astype(int))
+    for area in (np.s_[30:165], np.s_[640:970, 1430:]):  # above the numbers of the track, and the polygon
+        large, small = (picture[area] for picture in pictures)
+        drawn = np.abs(large - large[0, 0]).max(axis=2) > 40
+        other = (np.abs(large - small).max(axis=2) > 40).sum()
+        assert drawn.sum() > max(1000, 5 * other)
+
+
 def body_of(picture: np.ndarray) -> tuple[int, int]:
     """Where the contacts of a rendered view begin and end, in pixels."""
     track = picture[95:124]
