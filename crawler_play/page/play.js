@@ -3,7 +3,7 @@
 const at = id => document.getElementById(id);
 const query = new URLSearchParams(location.search);
 const MOST = 1000; // ticks of the past that are drawn
-const NUMBERS = { time: "s", net: "m", yaw: "rad", work: "J", dissipation: "J" };
+const NUMBERS = { time: "s", net: "m", yaw: "rad", work: "J", dissipation: "J", jump_loss: "J" };
 let socket, scene, colors, frame, past = [], hand = false, wanted = false, drag = null, queue = {}, camera = null, extent = {}, inputs = {}, touched = {};
 const watch = new IntersectionObserver(rows => rows.forEach(row => { row.target.seen = row.isIntersecting; }), { rootMargin: "200px" }); // of a hundred sliders few are in view
 
@@ -100,10 +100,10 @@ function build() {
     at("legend").append(make("span", { className: "key" }, swatch, text), " ");
   }
   for (const [name, unit] of Object.entries(NUMBERS)) {
-    if (name === "yaw" ? !scene.joints.length || !scene.simulated : ["work", "dissipation"].includes(name) && !scene.simulated) continue; // no sensor measures them
+    if (name === "yaw" ? !scene.joints.length || !scene.simulated : unit === "J" && !scene.simulated) continue; // no sensor measures them
     const value = make("dd");
     inputs["number " + name] = [value];
-    at("numbers").append(make("div", {}, make("dt", { textContent: `${{ net: "net translation" }[name] || name} [${unit}]` }), value));
+    at("numbers").append(make("div", {}, make("dt", { textContent: `${{ net: "net translation", jump_loss: "lost in jumps" }[name] || name} [${unit}]` }), value));
   }
 }
 function slider(control) {
@@ -368,6 +368,7 @@ function tell() {
   for (const [name, value] of Object.entries(frame.wave)) show("wave " + name, value, inputs["wave " + name][0], !hand);
   for (const name in NUMBERS) if (inputs["number " + name]) {
     const value = frame[name];
+    inputs["number " + name][0].parentElement.hidden = name === "jump_loss" && !value;
     inputs["number " + name][0].textContent = value == null ? "unknown" : Array.isArray(value) ? value.map(short).join(", ") : short(value);
   }
   for (const radio of at("modes").querySelectorAll("input")) { radio.checked = radio.value === frame.mode; radio.disabled = !hand; }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("aiohttp")
@@ -114,6 +115,23 @@ def test_what_is_saved_simulates_to_the_same_displacement_to_the_bit(play, tmp_p
         page.goto(link)
         wait_until(lambda: tick_of(server) == run.ticks, "the state of the link")
         assert run.displacement[-1].tolist() == server.ask(lambda: server.robot.session.crawler.displacement.tolist())
+
+
+def test_what_jumps_lose_is_no_dissipation(play):
+    robot = Simulated(load_scene("ice"))
+    with served(robot) as server:
+        page = play(server)
+        wait_until(lambda: page.evaluate("frame.jump_loss") == 0.0, "a frame")
+        lost = page.locator("#numbers div", has_text="lost in jumps [J]")
+        assert lost.is_hidden()
+        while not robot.session.tick.jumps:
+            server.ask(robot.session.step)
+        lost.wait_for()
+        energy = simulate(robot.scene, tick_of(server) / 100.0).energy
+        assert energy.jump_loss > 0.0
+        np.testing.assert_allclose(
+            page.evaluate("[frame.dissipation, frame.jump_loss]"), [energy.dissipation, energy.jump_loss], rtol=1e-9
+        )
 
 
 def test_a_keyboard_is_enough(play):
