@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 
+from ..arrays import spread
 from .friction_parts import (
     Deep,
     FrictionPart,
@@ -61,6 +62,8 @@ class BodyPart(Part):
 
     @model_validator(mode="after")
     def _solid(self) -> BodyPart:
+        if self.radius is not None:
+            spread(self.radius, len(self.places), "radius", "contact")
         for radius in self.radius if isinstance(self.radius, tuple) else (self.radius,):
             if radius is not None and not radius > 0.0:
                 raise ValueError(f"radius: {radius:g} m; it must be > 0")

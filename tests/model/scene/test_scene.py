@@ -64,6 +64,8 @@ WRONG = [
     ("body/links/stiffness", 0, "link 0 has 0 N/m; it must be > 0"),
     ("body/links/stiffness", [1, -1], "link 1 has -1 N/m; it must be > 0"),
     ("body/links/stiffness", True, "True is not a number"),
+    ("body/radius", [], "body: radius: 0 value(s) for 3 contact(s); give one number or 3"),
+    ("body/radius", [0.1, 0.1], "body: radius: 2 value(s) for 3 contact(s); give one number or 3"),
     ("body/links/between", [[0, 1], [0, 3]], "body.links.between: link 1 joins contact 3; there are contacts 0 .. 2"),
     ("body/links/between", [[0, 1], [1, 1]], "body.links.between: link 1 joins contact 1 to itself"),
     ("body/links/between", [[0, 1]], "body.links.between: no links lead from contact 0 to contact 2"),
