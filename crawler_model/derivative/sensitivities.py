@@ -143,8 +143,7 @@ def sensitivities(
     check_differentiable(scene, "sensitivities")
     scene = with_loads(scene, keys)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
-    seconds = default_duration(scene.drive) if duration is None else float(duration)
-    check_duration(seconds)
+    seconds = default_duration(scene.drive) if duration is None else check_duration(duration)
     ratio = rational_rate(rate)
     times = seconds * float(ratio) + 1.0
     numbers = times * scene.body.contacts * len(derivatives.names)

@@ -38,8 +38,7 @@ def default_duration(drive: Drive) -> float:
         CommandError: if it is longer than any run.
     """
     seconds = float(drive.times[-1]) if drive.period is None else 10.0 * drive.period
-    check_duration(seconds)
-    return seconds
+    return check_duration(seconds)
 
 
 def simulate(
@@ -73,8 +72,7 @@ def simulate(
     check_plan(scene, "simulate")
     method = choose_method(scene, method)
     drive = scene.drive
-    seconds = default_duration(drive) if duration is None else float(duration)
-    check_duration(seconds)
+    seconds = default_duration(drive) if duration is None else check_duration(duration)
     ratio = rational_rate(rate)
     end_ns = round(seconds * NS)
     ticks = count_ticks(end_ns, ratio)

@@ -54,17 +54,29 @@ def count_ticks(end_ns: int, rate: Fraction) -> int:
     return -(-end_ns * rate.numerator // (NS * rate.denominator))
 
 
-def check_duration(seconds: float) -> None:
+def _write(value: float) -> str:
+    """Write a number; an integer may be beyond all floats."""
+    try:
+        return f"{float(value):g}"
+    except OverflowError:
+        return f"an integer of {int(value).bit_length()} bits"
+
+
+def check_duration(seconds: float) -> float:
     """Check the duration of a run.
 
     Args:
         seconds: duration [s].
 
+    Returns:
+        The same as a float [s].
+
     Raises:
         CommandError: if it is out of range.
     """
     if not 0.0 <= seconds < 9e9:
-        raise CommandError(f"duration: {seconds:g} s; it must be between 0 and 9e9")
+        raise CommandError(f"duration: {_write(seconds)} s; it must be between 0 and 9e9")
+    return float(seconds)
 
 
 def rational_rate(rate: float) -> Fraction:
@@ -81,7 +93,7 @@ def rational_rate(rate: float) -> Fraction:
     """
     is_number = isinstance(rate, (int, float, np.integer, np.floating))
     if not is_number or not 1e-9 <= rate <= 1e9:
-        given = f"{float(rate):g}" if is_number else repr(rate)
+        given = _write(rate) if is_number else repr(rate)
         raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
     exact = Fraction(float(rate))
     near = exact.limit_denominator(10**6)

@@ -171,6 +171,8 @@ def parse_scene(text: str, source: str = "scene") -> Scene:
     Raises:
         SceneError: with one line that names the field, the value and the valid values.
     """
+    if not isinstance(text, str):
+        raise SceneError(f"{source}: {type(text).__name__}; the content of a scene file must be text")
     data = _parse(text, source)
     try:
         return Scene.model_validate(data)

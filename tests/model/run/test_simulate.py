@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, load_scene, simulate, simulate_many
+from crawler_model import CommandError, Crawler, load_scene, sensitivities, simulate, simulate_many
 from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_model.run.transport import supporting_force
 
@@ -25,6 +25,19 @@ def test_ticks_end_without_drift():
 def test_a_rate_is_read_as_it_was_meant(rate):
     assert float(rational_rate(rate)) == pytest.approx(rate, rel=1e-12)
     assert rational_rate(29.97) == Fraction(2997, 100)
+
+
+@pytest.mark.parametrize("name", ["rate", "duration"])
+def test_an_integer_beyond_all_floats_is_one_line(name):
+    scene, given, said = (
+        load_scene("three_contacts_one_way"),
+        {name: 10**400},
+        f"^{name}: an integer of 1329 bits .* must be .* and .*e9$",
+    )
+    with pytest.raises(CommandError, match=said):
+        simulate(scene, **given)
+    with pytest.raises(CommandError, match=said):
+        sensitivities(scene, ["body.links.stiffness"], **given)
 
 
 def test_the_summary_is_the_contract():

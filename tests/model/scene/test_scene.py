@@ -169,6 +169,11 @@ def test_what_is_no_scene_is_one_line(text):
     refusal(text)
 
 
+def test_bytes_are_no_text():
+    with pytest.raises(SceneError, match=r"^x\.yaml: bytes; the content of a scene file must be text$"):
+        parse_scene(b"", "x.yaml")
+
+
 def aliases(deep: int) -> str:
     lists = [f"l{i}: &l{i} [{', '.join([f'*l{i - 1}' if i else '0'] * 10)}]" for i in range(deep)]
     return "{" + ", ".join(lists) + "}"
