@@ -176,7 +176,7 @@ class _Periods:
         start = begin.ravel()
         step = crawler.follow(self.targets, self.records)
         x = self.records[:, : start.size]
-        self.travel = max(float(np.abs(x - start).max()), 1e-300)
+        self.travel = float(np.abs(x - start).max())
         self.work = step.work
         moved = crawler.gained[None]
         if self.turns:

@@ -190,8 +190,7 @@ def predict(
         CrawlerError: if the posterior does not fit the scene, or the motion depends on a number that it does not know.
     """
     scene = coerce_scene(scene, "predict")
-    posterior = posterior if isinstance(posterior, Posterior) else read_posterior(posterior, scene)
-    fitted = posterior.apply(scene)
+    posterior, fitted = _apply(posterior, scene)
     played = _with_drive(fitted, drive, posterior.gain)
     if not played.has_exact_derivatives:
         where = "is in the plane" if played.dimension == 2 else "has ground.patches"
@@ -243,6 +242,16 @@ def predict(
         _notes(posterior, names, best, own_drive=drive is None),
         best.transient_left,
     )
+
+
+def _apply(posterior: Posterior | Mapping[str, Any] | str | Path, scene: Scene) -> tuple[Posterior, Scene]:
+    """Read a posterior, and put its values into the scene that was fitted; errors name its file."""
+    source = "posterior" if isinstance(posterior, (Posterior, Mapping)) else posterior
+    known = posterior if isinstance(posterior, Posterior) else read_posterior(posterior, scene)
+    try:
+        return known, known.apply(scene)
+    except SceneError as error:
+        raise CrawlerError(f"{source}: its values do not fit {scene.name}: {error}") from None
 
 
 def _with_drive(scene: Scene, drive: Scene | Mapping[str, Any] | str | Path | None, gain: float) -> Scene:

@@ -261,6 +261,22 @@ def test_a_posterior_is_read_as_it_is_written(tmp_path):
     np.testing.assert_array_equal(again.covariance, known.covariance)
 
 
+def test_the_file_of_another_body_is_named(tmp_path):
+    file = tmp_path / "fit.json"
+    file.write_text(json.dumps(printed(posterior())), encoding="utf-8")
+    said = "its values do not fit planar_three_points: friction: in the plane use `isotropic`"
+    with pytest.raises(CrawlerError, match=f"^{file}: {said}"):
+        predict("planar_three_points", file)
+    with pytest.raises(CrawlerError, match=f"^posterior: {said}"):
+        predict("planar_three_points", posterior())
+
+
+def test_a_body_that_does_not_move_gains_exactly_nothing():
+    still = PERIODIC | {"actuation": [[0.0, 0.0]] * len(PERIODIC["times"])}
+    found = predict(robot(), posterior(), still)
+    assert (found.gain.value, found.gain.low, found.gain.high, found.transient_left) == (0.0, 0.0, 0.0, 0.0)
+
+
 def test_a_prediction_is_plain_json():
     known = posterior(without=(LEFT,), bounds={LEFT: (0.25, None)})
     text = json.loads(json.dumps(predict(robot(), printed(known)).summary(), allow_nan=False))
