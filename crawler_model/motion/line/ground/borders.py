@@ -179,7 +179,7 @@ def reach_border(c, ground, ramp, i):
     """Put a contact onto the border that it has reached.
 
     Args:
-        c: CONTACT i, advanced to s; `coming` is the border.
+        c: CONTACT i, which slides, advanced to s; `coming` is the border.
 
     Returns:
         1 if the contact stands there, 0 if it goes on, -1 if it falls.
@@ -206,8 +206,6 @@ def reach_border(c, ground, ramp, i):
     if order == 0:
         return 0
     c.fallen = side
-    if c.v == 0.0:
-        c.v = SLIDES if side == FORWARD else -SLIDES
     open_jump(c, ground, ramp, i, j)
     leave_border(c, ground, ramp, i)
     return -1
