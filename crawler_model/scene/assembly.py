@@ -109,6 +109,8 @@ class Assembly:
         if "slope_load" in arrays:
             columns = dataclasses.replace(columns, slope_load=arrays["slope_load"])
         period: Any = arrays.get("period")
+        if period is not None and period.ndim < 2:  # that of one variation
+            period = float(period.item())
         return Assembly(
             self.parts,
             dataclasses.replace(self.body, stiffness=arrays["stiffness"]),

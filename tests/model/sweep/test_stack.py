@@ -175,3 +175,10 @@ def test_what_may_be_invalid_is_a_superset_of_what_is():
     parts = base.parts.model_copy(update={"loads": np.array([[0.0], [np.inf], [0.0]])})
     _, doubts = assemble_together(parts, base, 3)
     assert doubts.tolist() == [False, True, False]
+
+
+def test_the_period_of_one_variation_is_a_number():
+    whole = stack(vary(load_scene("three_contacts_one_way"), {"drive.period": [1.0, 2.0]}))
+    periods = [whole.assembly.variation(i).drive.period for i in range(2)]
+    assert periods == [1.0, 2.0]
+    assert all(type(period) is float for period in periods)
