@@ -168,7 +168,10 @@ def main(args: list[str] | None = None) -> None:
         print(__doc__)
         return
     signals: list[int] = []  # a handler that set an Event could wait for itself
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # arguments that are not as in --ros-args -p joints:=NAME
+        sys.exit(f"path_control: {error}")
     for number in (signal.SIGINT, signal.SIGTERM):  # no exception: one that is raised in a callback of C is lost
         signal.signal(number, lambda received, _: signals.append(received))
     try:

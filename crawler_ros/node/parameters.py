@@ -65,14 +65,30 @@ def _normalise_overrides(node: Any, silent: bool) -> None:
         row = read_parameters().get(name)
         if row is None:
             if not silent and not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
-                near = difflib.get_close_matches(name, read_parameters(), n=1, cutoff=0.6)
-                hint = f"the nearest is {near[0]!r}" if near else f"the parameters are {', '.join(read_parameters())}"
-                node.get_logger().warning(f"unknown parameter {name!r}; {hint}")
+                _warn_of_unknown(node, name, list(read_parameters()))
         elif row.type == "double" and type(override.value) in (int, str):
             with contextlib.suppress(ValueError):  # else its declaration refuses it
                 overrides[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
         elif row.type == "string" and override.value is False:
             overrides[name] = RosParameter(name, RosParameter.Type.STRING, "off")
+
+
+def _warn_of_unknown(node: Any, name: str, known: list[str]) -> None:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    hint = f"the nearest is {near[0]!r}" if near else f"the parameters are {', '.join(known)}"
+    node.get_logger().warning(f"unknown parameter {name!r}; {hint}")
+
+
+def warn_of_unused_qos(node: Any) -> None:
+    """Warn about parameters of the quality of service that belong to no topic.
+
+    Args:
+        node: an rclpy node with all its topics open, which have declared theirs.
+    """
+    known = [name for name in node._parameters if name.startswith("qos_overrides")]
+    for name in getattr(node, "_parameter_overrides", {}):
+        if name.startswith("qos_overrides") and name not in known:
+            _warn_of_unknown(node, name, known)
 
 
 def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:

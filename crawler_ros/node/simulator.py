@@ -36,7 +36,7 @@ from .life.scheduling import check_priority, raise_priority, reduce_delays
 from .life.stop import StopFlag, end_on_signals
 from .outgoing import STATES, Outgoing
 from .outlet import Outlet
-from .parameters import declare_parameters, expand_home, read_parameters
+from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
 from .stepper import Stepper
 
@@ -129,22 +129,22 @@ class Simulator(QuietNode):
             "/diagnostics": self.values["publish.diagnostics"],
             "/clock": self.values["publish_clock"],
         }
-        recorder = self.recorder
-        self.intake = Intake(self.commands, self.throttle, recorder, self.columns.count, self._on_accepted)
+        self.intake = Intake(self.commands, self.throttle, self.recorder, self.columns.count, self._on_accepted)
         self.states = [n for n in (*STATES, "applied_commands") if wanted[n]]
         for name, topic in read_topics().items():
             full = self.resolve_topic_name(name)
             if topic.direction == "out":
                 publisher = open_publisher(self, topic) if wanted[name] else None
                 channel = None
-                if recorder is not None and (publisher is not None or name == "applied_commands"):
+                if self.recorder is not None and (publisher is not None or name == "applied_commands"):
                     used = topic if publisher is None else qos_in_use(topic, publisher)
-                    channel = recorder.add_topic(used, full)
-                self._outlets[name] = Outlet(publisher, recorder, channel)
+                    channel = self.recorder.add_topic(used, full)
+                self._outlets[name] = Outlet(publisher, self.recorder, channel)
             else:
-                channel = None if recorder is None else recorder.add_topic(topic, full)
+                channel = None if self.recorder is None else self.recorder.add_topic(topic, full)
                 self.intake.open(self, topic, channel)
         self.outgoing = Outgoing(self.scene, self.values, self._outlets)
+        warn_of_unused_qos(self)
 
     def _open_services(self) -> None:
         handlers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}

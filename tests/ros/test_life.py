@@ -180,6 +180,16 @@ def test_controllers_refuse_wrong_parameters_in_one_line(name, given, said):
     assert said in line
 
 
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_controllers_refuse_malformed_arguments_without_a_traceback(name):
+    command = [sys.executable, "-m", f"crawler_ros.examples.{name}", "--ros-args", "-p", "joints:=["]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert done.stderr.splitlines()[-1].startswith(f"{name}: ")
+    assert "joints:=[" in done.stderr.splitlines()[-1]
+
+
 STUCK = """
 import time
 from crawler_ros.node.life import run

@@ -349,11 +349,14 @@ def test_help_of_a_node_names_its_parameters():
 
 
 def test_what_is_meant_is_taken_and_what_is_unknown_is_named(ros):
-    simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", "zzz:=1", hear=("joint_states",))
+    qos = ("qos_overrides./joint_state.publisher.depth:=3", "qos_overrides./pose.publisher.depth:=3")
+    simulator = ros.simulator("rate:=50", "view:=off", "rte:=3.0", "zzz:=1", *qos, hear=("joint_states",))
     wait_until(lambda: len(ros.heard["joint_states"]) > 5)
     assert seconds(ros.heard["joint_states"][5]) - seconds(ros.heard["joint_states"][4]) == pytest.approx(0.02)
     assert "unknown parameter 'rte'; the nearest is 'rate'" in simulator.said
     assert "unknown parameter 'zzz'; the parameters are scene, " in simulator.said
+    assert f"unknown parameter {qos[0][:-3]!r}; the nearest is 'qos_overrides./joint_states." in simulator.said
+    assert simulator.said.count("unknown parameter") == 3
     assert "3 contacts, 2 links, exact at 50 Hz; waiting for commands" in simulator.said
 
 
