@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +18,7 @@ from .optimum_report import describe_front, describe_optimum
 from .screen import (
     ForceOption,
     SceneArgument,
+    ShowProgress,
     check_output,
     note_left_out,
     parse_bounds,
@@ -123,7 +125,10 @@ _Period = Annotated[
     float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
 ]
 _Seconds = Annotated[
-    float | None, typer.Option(help="Time to search, s, to its end; the result then depends on the machine.")
+    float | None,
+    typer.Option(
+        help="Time to search, s, to its end; to examine the gait comes on top. The result depends on the machine."
+    ),
 ]
 _Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]
 _AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
@@ -195,13 +200,18 @@ def optimise_command(
         if compromises:
             found = pareto(loaded, progress=progress, **limits)
         else:
-            found = optimise(loaded, objective.value, progress=progress, target=motion, **limits)
+            found = optimise(loaded, objective.value, progress=_tell(progress), target=motion, **limits)
     drive = found.points[0].scene.document()["drive"] if isinstance(found, Front) else found.scene.document()["drive"]
     note_left_out(loaded, drive)
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
     if found.interrupted:
         raise typer.Exit(130)
+
+
+def _tell(progress: ShowProgress) -> Callable[[float], None]:
+    """Show how far a search is, and after its end that its gait is examined."""
+    return lambda part: progress(part, "examining the best gait") if part >= 1.0 else progress(part)
 
 
 def _parse_target(text: str) -> tuple[float, float, float]:

@@ -71,6 +71,20 @@ def test_ctrl_c_keeps_the_best_gait_so_far(scene, capsys, monkeypatch):
     assert load_scene("best.yaml").document()["drive"] == json.loads(out)["drive"]
 
 
+def test_the_bar_tells_when_the_gait_is_examined(scene, capsys, monkeypatch):
+    steps = []
+
+    @contextlib.contextmanager
+    def note(_: str) -> Iterator[Callable[..., None]]:
+        yield lambda part, step="": steps.append((part, step))
+
+    monkeypatch.setattr("crawler_command.optimise.progress_bar", note)
+    arguments = ["--for", "translation", "--stroke", "0:0.1", "--waypoints", "2", "--seconds", "0.1"]
+    assert run(capsys, "optimise", "mine.yaml", *arguments)[0] == 0
+    assert steps[-1] == (1.0, "examining the best gait")
+    assert {step for part, step in steps if part < 1.0} <= {""}
+
+
 @pytest.mark.parametrize("ending", ["ctrl_c", "seconds", "ctrl_c within the seconds"])
 def test_gaits_of_the_first_round_are_kept_and_counted(scene, capsys, monkeypatch, ending):
     """In the plane each gait takes so long that the search often ends in the first round."""
