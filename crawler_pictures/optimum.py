@@ -151,7 +151,9 @@ def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str])
     drawn = axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **scale)
     axis.set_facecolor(GREY)
     part.colorbar(drawn, ax=axis, label=_LABELS[optimum.objective])
-    axis.plot(optimum.values[pair[0]], optimum.values[pair[1]], "o", color="black", mfc="white", ms=7, clip_on=False)
+    axis.plot(
+        optimum.values[pair[0]], optimum.values[pair[1]], "o", color="black", mfc="white", ms=7, zorder=4, clip_on=False
+    )
     across, upwards = (_name_unknown(optimum.names[i], units[optimum.names[i]]) for i in pair)
     axis.set(xlabel=across, ylabel=upwards)
     axis.locator_params(nbins=5)

@@ -26,8 +26,8 @@ WIDTH, HEIGHT = 1000, 400
 """The largest image: columns of time, rows of contacts [pixels]."""
 _MOST_SAMPLES = 4000
 _EMPTY = "#ffffff"
-_NARROW = 58
-"""Letters of a title or legend that fit above a panel half as wide as a page."""
+_NARROW, _NARROW_LEGEND = 58, 72
+"""Letters of a title, or of a legend with 7 for the line of each entry, that fit above a panel of half a page."""
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 """The ground of text that may stand on a curve."""
 _THINNEST = 0.02
@@ -206,6 +206,16 @@ def write_title(axis: Axes, text: str, pad: float = 4.0) -> None:
     axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad, parse_math=False)
 
 
+def _count_lines(widths: list[int]) -> int:
+    """Count the lines among which the entries of a legend, which fill it column by column, are narrow enough."""
+    count = len(widths)
+    for lines in range(1, count):
+        columns = np.array_split(widths, -(-count // lines))
+        if sum(int(column.max()) for column in columns) <= _NARROW_LEGEND:
+            return lines
+    return count
+
+
 def make_room(axis: Axes) -> None:
     """Write the title of a panel half as wide as a page above its legend, both in as many lines as they need.
 
@@ -218,7 +228,7 @@ def make_room(axis: Axes) -> None:
         words = [text.get_text() for text in legend.get_texts()]
         for handle, word in zip(handles, words, strict=True):
             handle.set_label(word)
-        lines = -(-sum(len(word) + 7 for word in words) // _NARROW)
+        lines = _count_lines([len(word) + 7 for word in words])
         place_legend(axis, handles, lines)
     title = axis.get_title("left")
     if title:

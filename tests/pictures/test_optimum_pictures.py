@@ -54,6 +54,20 @@ def test_keys_have_units(figure):
     assert plane.get_ylabel().endswith("] [m]")
 
 
+def test_the_legend_of_a_small_body_covers_nothing_beside_its_panel():
+    small = {"contacts": [0.0, 1e-5], "links": {"stiffness": 10.0}}
+    scene = Scene.model_validate({"name": "small", "body": small, "friction": {"forward": 2e-6, "backward": 5e-6}})
+    axis = panel(draw(optimise(scene, "translation", waypoints=4, stroke=(0.0, 1e-6))), "around the optimum (dots)")
+    assert len(axis.get_legend().get_texts()) == 4
+    assert axis.get_legend().get_window_extent().x0 > axis.get_window_extent().x0
+
+
+def test_the_circle_is_above_the_map_and_its_frame(figure):
+    axis = panel(figure, "around the optimum (circle)")
+    (circle,) = [line for line in axis.get_lines() if line.get_marker() == "o"]
+    assert circle.get_zorder() > max(part.get_zorder() for part in (*axis.collections, *axis.spines.values()))
+
+
 def test_curves_that_coincide_show_through_each_other(figure):
     lines = panel(figure, "around the optimum (dots)").get_lines()
     named = [line for line in lines if line.get_linestyle() != "None" and len(line.get_xdata()) > 2]
