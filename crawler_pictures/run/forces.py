@@ -242,6 +242,10 @@ def join_names(names: Sequence[str]) -> str:
             groups.setdefault((name.replace("/", " "), ""), []).append("")
     texts = []
     for (item, rest), numbers in groups.items():
-        inner = ", ".join(numbers) if len(numbers) <= 4 else f"{numbers[0]}, {numbers[1]} .. {numbers[-1]}"
+        inner = ", ".join(numbers)
+        if len(numbers) > 4:
+            whole = int(numbers[-1]) - int(numbers[0]) == len(numbers) - 1
+            others = f" .. {numbers[-1]}" if whole else f" and {len(numbers) - 2} more"
+            inner = f"{numbers[0]}, {numbers[1]}{others}"
         texts.append(f"{item}{inner}{rest}")
     return "; ".join(texts) if len(texts) <= 2 else f"{texts[0]} and {len(texts) - 1} more"

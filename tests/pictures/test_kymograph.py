@@ -177,4 +177,5 @@ def test_units_suit_the_numbers(size, unit, wanted):
 def test_names_of_equal_curves_are_joined():
     assert join_names(["contact_0/forward", "contact_1/forward"]) == "contact 0, 1 forward"
     assert join_names([f"link_{i}" for i in range(9)]) == "link 0, 1 .. 8"
+    assert join_names([f"joint_{i}/rest_angle" for i in (0, 1, 3, 4, 7)]) == "joint 0, 1 and 3 more rest_angle"
     assert join_names(["trunk"]) == "trunk"
