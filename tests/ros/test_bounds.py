@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from crawler_model import CommandError, Scene, load_scene
 from crawler_ros.node.intake import commands as commands_module
 from crawler_ros.node.intake.commands import CommandQueue
 from crawler_ros.node.intake.limits import command_limits
-from crawler_ros.node.intake.peers import Arrivals
+from crawler_ros.node.intake.peers import Arrivals, SecondSimulator
 from crawler_ros.node.intake.received import read_array, read_trajectory
 
 from .graph import graph
@@ -245,6 +246,18 @@ def test_whoever_joins_in_mid_stream_has_lost_nothing():
     assert arrivals.settle([b"a"]) == 1
     arrivals.add(None)
     assert arrivals.received == 4
+
+
+def test_a_node_that_is_not_discovered_has_no_name_yet():
+    ends = [
+        SimpleNamespace(endpoint_gid=[1], node_namespace="/", node_name="crawler"),
+        SimpleNamespace(endpoint_gid=[2], node_namespace="_NODE_NAMESPACE_UNKNOWN_", node_name="_NODE_NAME_UNKNOWN_"),
+    ]
+    node = SimpleNamespace(resolve_topic_name=str, get_publishers_info_by_topic=lambda _: ends)
+    second = SecondSimulator(node, "joint_states")
+    assert [second.find(0) for _ in range(2)] == ["", ""]
+    said = "2 simulators publish joint_states here (/crawler, a node that is not named yet): end all but one"
+    assert second.find(0).startswith(said)
 
 
 # -- commands that make no sense --------------------------------------------------------------------------------------

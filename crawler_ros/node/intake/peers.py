@@ -80,7 +80,13 @@ def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
         The identity of each publisher and the full name of its node.
     """
     found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return [(bytes(i.endpoint_gid), f"{i.node_namespace.rstrip('/')}/{i.node_name}") for i in found]
+    return [(bytes(i.endpoint_gid), _name_of(i.node_namespace, i.node_name)) for i in found]
+
+
+def _name_of(namespace: str, name: str) -> str:
+    """Return the full name of a node, or words where only its publisher is discovered so far."""
+    known = name not in ("", "_NODE_NAME_UNKNOWN_")
+    return f"{namespace.rstrip('/')}/{name}" if known else "a node that is not named yet"
 
 
 def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
