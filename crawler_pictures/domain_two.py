@@ -76,7 +76,8 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
     draw_band(axes["band"], run)
     draw_motion(axes["motion"], run)
     lowest = axes["band"] if swept else axes["motion"]
-    lowest.set_xlabel("simulated time [s]")
+    between = ", and some between" if swept else ""
+    lowest.set_xlabel(f"simulated time [s]; dotted: ticks beside which sliding begins or ends{between}")
     for name in ("band", "motion"):
         axes[name].set_xlim(run.time[0], run.time[-1])
         for row in marks:

@@ -16,6 +16,7 @@ from crawler_model.body.turning import load_of_friction
 from crawler_pictures.domain import draw_domain
 from crawler_pictures.domain_panels import forces_in_frames
 from crawler_pictures.domain_text import last_period, simulated
+from crawler_pictures.domain_two import draw_two
 
 FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
 
@@ -74,6 +75,13 @@ def test_constant_friction_shows_the_box_many_times_as_it_is_swept_along(tmp_pat
     red = np.abs(picture - SECTION).max(axis=2) <= 4
     columns = np.flatnonzero(red.sum(axis=0) > 20)
     assert np.count_nonzero(np.diff(columns) > 20) + 1 == 7  # a, b and d, e and g, h stand above one another
+
+
+@pytest.mark.parametrize(("name", "ends"), [("two_contacts_anisotropic", ", and some between"), ("two_anchor_b", "")])
+def test_the_instants_that_are_marked_are_called_ticks(name, ends):
+    scene = load_scene(name)
+    words = [axis.get_xlabel() for axis in draw_two(scene, simulated(scene, 2)).axes]
+    assert f"simulated time [s]; dotted: ticks beside which sliding begins or ends{ends}" in words
 
 
 def test_where_only_the_backward_friction_is_small_only_backward_is_shown(tmp_path):
