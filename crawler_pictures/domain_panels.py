@@ -14,6 +14,7 @@ from crawler_model.body.turning import forward_angles
 
 from .colors import FORWARD
 from .domain_text import last_period
+from .numbers import shorten
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,9 +81,9 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
     targets = scene.drive.targets[:, columns.lengths :][:, : columns.frictions].reshape(-1, contacts, 4)
     friction = np.unique(targets, axis=0)
     shown = np.flatnonzero(friction.any(axis=(0, 2)))[:MOST_PANELS]
-    rows = last_period(run)
+    rows, name = last_period(run), shorten(scene.name, 45)
     return draw_panels(
-        f"{scene.name}: what friction holds at each point, and the force on it over the last period, in its frame",
+        f"{name}: what friction holds at each point, and the force on it over the last period, in its frame",
         {i: [_outline(sides) for sides in friction[:MOST_SETS, i]] for i in shown.tolist()},
         "point",
         forces_in_frames(run, rows),

@@ -12,6 +12,8 @@ from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.theory.stasis import StasisDomain, directions_of, domain_evolution, section_forces
 
+from .numbers import shorten
+
 STYLE: dict[Any, Any] = {"font.size": 9, "axes.titlesize": 9, "mathtext.fontset": "dejavusans"}
 """matplotlib settings of these pictures."""
 FACE, SECTION = "#f2dcda", "#e0605a"
@@ -76,7 +78,7 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
-    name = scene.name.replace("$", r"\$")  # it may stand beside formulas
+    name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand beside formulas
     return f"stasis domain: {name}" + ("" if scene.ground.track is None else ", on the ground outside its patches")
 
 

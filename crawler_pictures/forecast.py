@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from crawler_model import Forecast
 
 from .colors import LINES
+from .numbers import shorten
 
 _MOST_NAMED = 6
 """More contacts are not named: their lines lie in the order of the contacts."""
@@ -30,7 +31,7 @@ def draw_forecast(found: Forecast, path: Path) -> None:
         above.plot(found.time, value, color=color, linewidth=1.0, label=contact)
         for end in (low, high):
             below.plot(found.time, end - value, color=color, linewidth=0.8)
-    title = f"{found.scene.name}: gain {found.gain} m {found.per}; lines predicted, bands 95 %"
+    title = f"{shorten(found.scene.name, 45)}: gain {found.gain} m {found.per}; lines predicted, bands 95 %"
     above.set_title(title, loc="left", fontsize=9, parse_math=False)
     above.set_ylabel("position, m")
     if len(found.contacts) <= _MOST_NAMED:

@@ -19,6 +19,7 @@ from crawler_model.identify.measurements import Measurements
 from crawler_model.identify.sensor.noise import find_spikes
 
 from .colors import LINES, TEXT
+from .numbers import shorten
 
 _MOST_RECORDINGS, _MOST_ROWS = 6, 12
 """Of more recordings or channels, those with the largest residuals in units of their noise are drawn."""
@@ -97,7 +98,7 @@ def plot_identification(found: Identification) -> Figure:
     figure = Figure(figsize=(10.0, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(shown), 1, squeeze=False, height_ratios=heights)[:, 0]
     for part, i, rows in zip(parts, shown, kept, strict=True):
-        title = found.recordings[i].name
+        title = shorten(found.recordings[i].name)
         if i == shown[0] and len(shown) < len(recordings):
             title += f" (one of the {len(shown)} of {len(recordings)} recordings with the largest residuals)"
         if len(rows) < len(recordings[i]):

@@ -1,4 +1,4 @@
-"""Numbers as text."""
+"""Numbers as text, and text of limited length."""
 
 from __future__ import annotations
 
@@ -15,6 +15,19 @@ if TYPE_CHECKING:
 ROUNDING = 1e-12
 """Numbers below this fraction of the size of what they were computed from are rounding."""
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+
+
+def shorten(text: str, most: int = 60) -> str:
+    """Shorten a text for which there is no room, as a name of a scene may be.
+
+    Args:
+        text: the text.
+        most: letters for which there is room.
+
+    Returns:
+        The text; a longer one ends in an ellipsis.
+    """
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def write_length(value: Any, size: float, error: float = 0.0) -> str:

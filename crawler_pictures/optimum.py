@@ -13,7 +13,7 @@ from crawler_model import Front, Optimum, simulate
 from crawler_model.optimise.landscape import map_plane, profile
 
 from .colors import GREY, LINES, STICK, TENSION
-from .numbers import label_values
+from .numbers import label_values, shorten
 from .run.arrays import RunArrays
 from .run.forces import draw_commands
 from .run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
@@ -66,7 +66,7 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         _draw_profiles(above, optimum, units)
         _draw_map(right, below, optimum, units)
     unit = "" if optimum.unit == "1" else f" {optimum.unit}"
-    title = f"{optimum.scene.name}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
+    title = f"{shorten(optimum.scene.name)}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
     figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold", parse_math=False)
     figure.savefig(png, dpi=110)
 
@@ -176,5 +176,5 @@ def draw_front(front: Front, png: Path) -> None:
     costs = [point.cost_of_transport for point in front.points]
     axis.plot(costs, gains, color=TENSION, linewidth=1.0, marker="o", ms=5)
     axis.set(xlabel="cost of transport", ylabel="gain per period [m]")
-    write_title(axis, f"{front.points[0].scene.name}: going far and going cheaply")
+    write_title(axis, f"{shorten(front.points[0].scene.name)}: going far and going cheaply")
     figure.savefig(png, dpi=110)

@@ -12,6 +12,7 @@ from crawler_model import CrawlerError, ManyRuns, Variations
 from crawler_model.sweep.results import UNITS
 
 from .colors import ACTUATION, TENSION
+from .numbers import shorten
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +69,7 @@ def draw_sweep(
         if key in logarithmic:
             getattr(axes, f"set_{axis}scale")("log")
     stopped = ", stopped early" if runs.interrupted else ""
-    title = f"{variations.base.name}: {len(runs)} variations{stopped}"
+    title = f"{shorten(variations.base.name)}: {len(runs)} variations{stopped}"
     axes.set_title(title, fontsize=10, loc="left", parse_math=False)
     figure.savefig(png, dpi=110)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
+from ..numbers import shorten
 from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
 from .film import Film
 from .moving_set import moving_set
@@ -59,7 +60,9 @@ class Stage:
             self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part
             self._panels: list[Panel] = []
             timed = self._build()
-            self._figure.text(0.015, 0.965, film.scene.name, va="center", fontsize=13, weight="bold", parse_math=False)
+            self._figure.text(
+                0.015, 0.965, shorten(film.scene.name), va="center", fontsize=13, weight="bold", parse_math=False
+            )
             for panel in self._panels:
                 for artist in panel.moving:
                     artist.set_animated(True)

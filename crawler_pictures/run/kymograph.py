@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..colors import BACK, BOTH, FORWARD, JUMP, STICK, TEXT, rgb
+from ..numbers import shorten
 from .pixels import divide, join_states, thin
 
 if TYPE_CHECKING:
@@ -182,6 +183,8 @@ def place_legend(axis: Axes, handles: Sequence[Any], lines: int = 1) -> None:
         handles: its entries.
         lines: number of lines among which they are divided.
     """
+    for handle in handles:
+        handle.set_label(shorten(handle.get_label(), _NARROW))
     axis.legend(
         handles=handles,
         loc="lower right",

@@ -14,7 +14,7 @@ from crawler_model.run.orientation import shape_orientation
 
 from ..colors import ACTUATION, BACK, FORWARD, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
-from ..numbers import label_values
+from ..numbers import label_values, shorten
 from .arrays import Commands, RunArrays
 from .cycles import MOST_BARS, draw_gains
 from .forces import (
@@ -126,8 +126,9 @@ def _size(run: RunArrays) -> float:
 def _write_head(part: Any, title: str, notes: list[str]) -> None:
     axis = part.subplots()
     axis.set_axis_off()
-    axis.text(0.0, 1.0, title, fontsize=12, fontweight="bold", va="top", transform=axis.transAxes, parse_math=False)
-    text = "\n".join(note if len(note) <= 170 else note[:167] + "..." for note in notes)
+    head: Any = {"fontsize": 12, "fontweight": "bold", "va": "top", "transform": axis.transAxes, "parse_math": False}
+    axis.text(0.0, 1.0, shorten(title), **head)
+    text = "\n".join(shorten(note, 170) for note in notes)
     axis.text(0.0, 0.0, text, fontsize=8, color=TEXT, va="bottom", linespacing=1.4, transform=axis.transAxes)
 
 

@@ -29,6 +29,7 @@ from crawler_pictures.film.moving_set import moving_set
 from crawler_pictures.film.player import write_html
 from crawler_pictures.film.stage import Stage
 
+from ..play.pages import browsing
 from ..recordings import hold, messages, play, record, write
 
 GOLDEN = Path(__file__).parent.parent / "golden"
@@ -122,6 +123,18 @@ def read_page(file: Path) -> tuple[str, dict]:
 
 def unpack(text: str, kind: str = "<f4") -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), kind)
+
+
+def test_numbers_along_the_axes_of_a_page_have_room(tmp_path):
+    write_html(film_of("two_anchor_a", 0.2), tmp_path / "x.html", 25.0, lambda part: None)
+    with browsing() as browser:
+        page = browser.new_page()
+        page.goto((tmp_path / "x.html").as_uri())
+        small, usual = page.evaluate(
+            "[ticks(-6e-6, 5e-6, 4), ticks(-0.006, 0.005, 4)].map(all => all.map(one => one[1]))"
+        )
+    assert small == ["-5e-6", "0", "5e-6"]
+    assert usual == ["-0.005", "0.000", "0.005"]
 
 
 @pytest.mark.parametrize("name", INSTANTS)

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from crawler_model import Optimum, Scene, load_scene, optimise
 from crawler_pictures.colors import LINES
 from crawler_pictures.optimum import draw_optimum
+from crawler_pictures.run.kymograph import place_legend
 
 BODY = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": 10.0}}
 
@@ -43,6 +44,12 @@ def test_no_two_ticks_collide(figure):
     for axis in figure.axes:
         boxes = [label.get_window_extent() for label in axis.get_xticklabels() if label.get_text()]
         assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+def test_a_long_key_ends_in_an_ellipsis():
+    axis = Figure().subplots()
+    place_legend(axis, axis.plot([0.0, 1.0], label="k" * 200))
+    assert [text.get_text() for text in axis.get_legend().get_texts()] == ["k" * 55 + "..."]
 
 
 def test_keys_have_units(figure):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,17 @@ def test_a_wave_that_travels_back_is_told_from_it(tmp_path):
     document["start"] = "relaxed"
     draw_run(read_trajectory(simulate(Scene.model_validate(document), 3.0)), tmp_path / "back.png")
     assert distance(tmp_path / "back.png", GOLDEN / "run_ten.png") > 1.5 * TOLERANCE
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_long_name_ends_in_an_ellipsis_and_takes_no_room_from_panels(tmp_path, monkeypatch):
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    run = read_trajectory(simulate(PAGES["ten"](), 1.0))
+    draw_run(replace(run, title="m" * 200), tmp_path / "long.png")
+    written = [text.get_text() for text in kept[0].findobj(Text)]
+    assert "m" * 57 + "..." in written
+    assert not any("m" * 58 in text for text in written)
 
 
 def test_two_columns_are_lower_and_have_more_pixels_for_print(pages, tmp_path):
