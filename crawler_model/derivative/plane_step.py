@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import inner, lean
-from ..motion.plane.elastic import pull, stretch, stretch_link, turn_joint
+from ..motion.plane.elastic import pull, stretch
 from ..motion.plane.frame import columns_of, friction_of, norm
 from ..motion.plane.friction import axis_of, linearise
 from ..motion.plane.polygon import corner_of, nearest_face
@@ -34,45 +34,9 @@ class Rates(NamedTuple):
 
 
 @lean
-def _stretch_rate(frame, command, x, spring, rate):
-    """Compute how a length, a component of a length, or an angle changes with places that change by `rate`."""
-    links = frame.ends.shape[0]
-    if frame.vector:
-        a, b = frame.ends[spring // 2]
-        return rate[b, spring % 2] - rate[a, spring % 2]
-    if spring < links:
-        a, b = frame.ends[spring]
-        _, _, e0, e1 = stretch_link(frame, command, x, spring)
-        return e0 * (rate[b, 0] - rate[a, 0]) + e1 * (rate[b, 1] - rate[a, 1])
-    _, _, slope = turn_joint(frame, command, x, spring - links)
-    total = 0.0
-    for k in range(3):
-        i = frame.joints[spring - links, k]
-        total += slope[2 * k] * rate[i, 0] + slope[2 * k + 1] * rate[i, 1]
-    return total
-
-
-@lean
-def _add_force(frame, command, x, spring, tension, force):
-    """Add the forces of a link, or of a component of a vector spring, on its points, were this its tension."""
-    if frame.vector:
-        a, b = frame.ends[spring // 2]
-        force[a, spring % 2] += tension
-        force[b, spring % 2] -= tension
-        return
-    a, b = frame.ends[spring]
-    _, _, e0, e1 = stretch_link(frame, command, x, spring)
-    force[a, 0] += tension * e0
-    force[a, 1] += tension * e1
-    force[b, 0] -= tension * e0
-    force[b, 1] -= tension * e1
-
-
-@lean
 def _force_rate(frame, rates, commands, x, p, force):
     """Compute how the force on each point changes with a parameter while no point moves, shape (N, 2)."""
     command, d_command = commands
-    links = frame.ends.shape[0]
     loads = frame.stiffness.shape[0] + columns_of(frame) * x.shape[0]
     for i in range(x.shape[0]):
         for c in range(2):
@@ -81,16 +45,13 @@ def _force_rate(frame, rates, commands, x, p, force):
         stiffness = frame.stiffness[k]
         if rates.stiffness[k, p] == 0.0 and rates.rest[k, p] == 0.0 and d_command[k, p] == 0.0:
             continue
-        change = rates.stiffness[k, p] * (stretch(frame, command, x, k)[0] / stiffness)
-        change -= stiffness * (rates.rest[k, p] + d_command[k, p])
-        if frame.vector or k < links:
-            _add_force(frame, command, x, k, change, force)
-            continue
-        _, _, slope = turn_joint(frame, command, x, k - links)
+        tension, _, slope = stretch(frame, command, x, k)
+        change = rates.stiffness[k, p] * (tension / stiffness) - stiffness * (rates.rest[k, p] + d_command[k, p])
         for q in range(3):
-            i = frame.joints[k - links, q]
-            force[i, 0] -= change * slope[2 * q]
-            force[i, 1] -= change * slope[2 * q + 1]
+            i = frame.points[k, q]
+            if i >= 0:
+                force[i, 0] -= change * slope[2 * q]
+                force[i, 1] -= change * slope[2 * q + 1]
 
 
 @lean
@@ -200,20 +161,19 @@ def work_rate(frame, rates, before, after, x, place, work):
         place: derivatives of the places, shape (N, 2, P).
         work: added to, shape (P,).
     """
-    n, _, columns = place.shape
-    rate = np.empty((n, 2))
-    for p in range(columns):
-        for i in range(n):
-            rate[i, 0] = place[i, 0, p]
-            rate[i, 1] = place[i, 1, p]
+    for p in range(place.shape[2]):
         for k in range(frame.stiffness.shape[0]):
             change = after[0][k] - before[0][k]
             d_change = after[1][k, p] - before[1][k, p]
             if change == 0.0 and d_change == 0.0:
                 continue
             stiffness = frame.stiffness[k]
-            tension, _ = stretch(frame, before[0], x, k)
-            lengthens = _stretch_rate(frame, before[0], x, k, rate) - rates.rest[k, p] - before[1][k, p]
+            tension, _, slope = stretch(frame, before[0], x, k)
+            lengthens = -(rates.rest[k, p] + before[1][k, p])
+            for q in range(3):
+                i = frame.points[k, q]
+                if i >= 0:
+                    lengthens += slope[2 * q] * place[i, 0, p] + slope[2 * q + 1] * place[i, 1, p]
             middle = tension - 0.5 * stiffness * change
             d_middle = rates.stiffness[k, p] * (middle / stiffness) + stiffness * (lengthens - 0.5 * d_change)
             work[p] -= 0.5 * (middle * d_change + d_middle * change)

@@ -11,8 +11,7 @@ Args:
     moved: last displacements of the points, shape (N, 2) [m].
     i: the point.
     at: where its friction begins in a command.
-    s: the link.
-    j: the joint.
+    k: the spring: a link, a component of a vector spring, or a joint.
     c: 0 for x, 1 for y.
     account: entries as in `motion.state`, added to, shape (14,).
 """

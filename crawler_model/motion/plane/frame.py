@@ -20,14 +20,18 @@ from ...compiled import inlined, lean
 class Frame(NamedTuple):
     """What a command does not change.
 
+    Its K springs are the links, then the joints; of vector springs they are the x and the y component of each link.
+
     Attributes:
         vector: whether links are springs with a rest vector, which do not turn, and friction is fixed to the ground.
         position: reference positions, shape (N, 2) [m].
-        ends: points a, b of each link, int64, shape (S, 2).
-        joints: points a, b, c of each joint, which turns about b, int64, shape (J, 3).
-        stiffness: of the links [N/m], then of the joints [N m/rad], shape (S + J,); of vector springs both components.
-        rest: lengths of the links [m] and angles of the joints [rad] in the reference shape, shape (S + J,); 0 for
-            vector springs, shape (2 S,).
+        links: their number.
+        points: a, b, -1 of each spring of a link, a, b, c of a joint, which turns about b, int64, shape (K, 3).
+        pairs: pairs of points whose forces depend on each other, int64, shape (Q, 2).
+        stiffness: of links [N/m] and joints [N m/rad], shape (K,).
+        rest: lengths of the links [m] and angles of the joints [rad] in the reference shape, 0 for vector springs,
+            shape (K,).
+        shortest: the length of the shortest link, 0 for vector springs [m].
         guide: the two points whose direction is the axis of a point's friction, int64, shape (N, 2); twice the point
             itself where the axis is that of the ground.
         offset: angle from that direction to the axis, shape (N,) [rad].
@@ -41,10 +45,12 @@ class Frame(NamedTuple):
 
     vector: bool
     position: np.ndarray
-    ends: np.ndarray
-    joints: np.ndarray
+    links: int
+    points: np.ndarray
+    pairs: np.ndarray
     stiffness: np.ndarray
     rest: np.ndarray
+    shortest: float
     guide: np.ndarray
     offset: np.ndarray
     along_velocity: bool
@@ -67,9 +73,11 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
     """
     turning, n = body.turning, body.contacts
     position = np.array(body.position, np.float64)
-    ends, joints = np.array(body.ends, np.int64).reshape(-1, 2), np.zeros((0, 3), np.int64)
+    ends = np.array(body.ends, np.int64).reshape(-1, 2)
+    points = np.column_stack((ends, np.full(len(ends), -1)))
     grip, compliance = np.zeros(n), 0.0
     if turning is None:
+        points = np.repeat(points, 2, axis=0)
         stiffness = np.repeat(np.array(body.stiffness, np.float64), 2)
         rest = np.zeros(stiffness.size)
         np.add.at(grip, ends, stiffness.reshape(-1, 2))
@@ -77,6 +85,7 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
         pairs, heading, compliance = ends, np.zeros(2, np.int64), float((1.0 / body.stiffness).sum())
     else:
         joints = np.array(turning.joints, np.int64).reshape(-1, 3)
+        points = np.concatenate((points, joints))
         stiffness = np.concatenate((body.stiffness, turning.joint_stiffness)).astype(np.float64)
         rest = measure_shape(position, ends, joints)
         np.add.at(grip, ends, np.repeat(stiffness[: len(ends), None], 2, axis=1))
@@ -88,7 +97,7 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
         along_velocity, heading = turning.along_velocity, np.array(turning.heading, np.int64)
         guided = (np.column_stack((np.arange(n), guide[:, k])) for k in range(2))
         pairs = np.concatenate((ends, joints[:, :2], joints[:, 1:], joints[:, ::2], *guided))
-    shape = position, ends, joints, stiffness, rest
+    shape = position, len(ends), points, np.unique(pairs, axis=0), stiffness, rest, float(rest[: len(ends)].min())
     axes = guide, offset, along_velocity
     ways = np.array(directions, np.float64).reshape(-1, 2)
     return Frame(turning is None, *shape, *axes, _order(pairs, n), grip, heading, ways, compliance)

@@ -50,7 +50,7 @@ def _nudge(frame, command, x, moved, tie):
         free = free and not (moved[owner[p], 0] != 0.0 or moved[owner[p], 1] != 0.0)
     along = best[largest] * (axis[largest, 0] + axis[largest, 1])
     sign = -1.0 if free and along < 0.0 else 1.0  # the largest component, of the first such point, is positive
-    size = _NUDGE * frame.rest[: frame.ends.shape[0]].min() * sign
+    size = _NUDGE * frame.shortest * sign
     for p in range(best.size):
         for c in range(2):
             tie[owner[p], c] += size * best[p] * axis[p, c]
@@ -104,14 +104,13 @@ def jump(frame, state, target, part, moved, account):
     path = moved.copy()
     _nudge(frame, now, x, moved, start)
     assign(base, start)
-    shortest = frame.rest[: frame.ends.shape[0]].min()
     eta = 1.0
     dissipated = pulled = least = 0.0
     stored = energy_of(frame, now, base)
     held = 0.0
     for i in range(n):
         held += friction_of(frame, now, i)[2]
-    rounding = _ROUNDING * (stored + held * frame.rest[: frame.ends.shape[0]].sum())
+    rounding = _ROUNDING * (stored + held * frame.rest[: frame.links].sum())
     done = False
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
@@ -129,7 +128,7 @@ def jump(frame, state, target, part, moved, account):
         pulled += loads
         _keep_path(frame, now, start, base, force, path)
         assign(base, start)
-        still = longest <= _STILL * shortest
+        still = longest <= _STILL * frame.shortest
         if still and eta <= max(_SOFT, least):
             if _nudge(frame, now, base, path, start):
                 assign(base, start)
@@ -141,7 +140,7 @@ def jump(frame, state, target, part, moved, account):
                 assign(start, base)
         matrix, owner, _ = stiffness_of(frame, now, start, path, 1.0)
         falls = least_eigenvalue(matrix) if decreases(frame, now, matrix, owner, -_SOFT)[0] else 0.0
-        eta *= 0.25 if longest < _LONG * shortest else 2.0
+        eta *= 0.25 if longest < _LONG * frame.shortest else 2.0
         least = max(least if still else 0.9 * least, -2.0 * falls)  # else a step may end in a maximum
         eta = max(eta, least, 0.5 * _SOFT)
     if not done:

@@ -349,7 +349,7 @@ def build_plane_motion(plan: Plan) -> PlaneMotion:
         The motion.
     """
     frame = build_frame(plan.body, plan.directions)
-    links, parts = frame.ends.shape[0], frame.rest.size
+    links, parts = frame.links, frame.rest.size
     change = np.abs(np.ptp(plan.drive.targets[:, :parts], axis=0))
     if frame.vector:
         size = float(change.max(initial=0.0)) or float(np.abs(np.ptp(frame.position, axis=0)).max())

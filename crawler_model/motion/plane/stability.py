@@ -14,7 +14,7 @@ import numpy as np
 
 from ...compiled import inner, lean
 from .band import solve_band
-from .elastic import pull, stiffen_joint, stiffen_link
+from .elastic import pull, stiffen
 from .frame import friction_of, norm
 from .friction import axis_of
 
@@ -56,13 +56,14 @@ def _list_axes(frame, command, moved, freedom, owner, axis, first):
 
 
 @lean
-def _add(matrix, axis, first, i, j, block):
-    """Add the coupling of two points, in the lower band."""
+def _add(matrix, axis, first, i, j, block, corner):
+    """Add the coupling of two points, in the lower band: two rows and columns of the block, from its corner on."""
+    u, v = corner
     for p in range(first[i, 0], first[i, 1]):
         for q in range(first[j, 0], first[j, 1]):
             if p >= q:
-                push0 = block[0, 0] * axis[q, 0] + block[0, 1] * axis[q, 1]
-                push1 = block[1, 0] * axis[q, 0] + block[1, 1] * axis[q, 1]
+                push0 = block[u, v] * axis[q, 0] + block[u, v + 1] * axis[q, 1]
+                push1 = block[u + 1, v] * axis[q, 0] + block[u + 1, v + 1] * axis[q, 1]
                 matrix[p, p - q] += axis[p, 0] * push0 + axis[p, 1] * push1
 
 
@@ -110,38 +111,17 @@ def stiffness_of(frame, command, x, moved, freedom):
     first = np.empty((n, 2), np.int64)
     count = _list_axes(frame, command, moved, freedom, owner, axis, first)
     width = 2
-    for s in range(frame.ends.shape[0]):
-        a, b = frame.ends[s]
+    for k in range(frame.pairs.shape[0]):
+        a, b = frame.pairs[k]
         width = max(width, max(first[a, 1] - first[b, 0], first[b, 1] - first[a, 0]))
-    for j in range(frame.joints.shape[0]):
-        for p in range(3):
-            a = frame.joints[j, p]
-            b = frame.joints[j, (p + 1) % 3]
-            width = max(width, max(first[a, 1] - first[b, 0], first[b, 1] - first[a, 0]))
-    for i in range(n):
-        for p in range(2):
-            a = frame.guide[i, p]
-            width = max(width, max(first[a, 1] - first[i, 0], first[i, 1] - first[a, 0]))
     matrix = np.zeros((count, min(width, max(count, 1))))
-    block = np.empty((2, 2))
-    whole = np.empty((6, 6))
-    for s in range(frame.ends.shape[0]):
-        a, b = frame.ends[s]
-        stiffen_link(frame, command, x, s, block)
-        _add(matrix, axis, first, a, a, block)
-        _add(matrix, axis, first, b, b, block)
-        for p in range(2):
-            for q in range(2):
-                block[p, q] = -block[p, q]
-        _add(matrix, axis, first, a, b, block)
-        _add(matrix, axis, first, b, a, block)
-    for j in range(frame.joints.shape[0]):
-        stiffen_joint(frame, command, x, j, whole)
-        for p in range(3):
-            for q in range(3):
-                for r in range(4):
-                    block[r // 2, r % 2] = whole[2 * p + r // 2, 2 * q + r % 2]
-                _add(matrix, axis, first, frame.joints[j, p], frame.joints[j, q], block)
+    block = np.empty((6, 6))
+    for k in range(frame.stiffness.shape[0]):
+        stiffen(frame, command, x, k, block)
+        points = 2 if frame.points[k, 2] < 0 else 3
+        for p in range(points):
+            for q in range(points):
+                _add(matrix, axis, first, frame.points[k, p], frame.points[k, q], block, (2 * p, 2 * q))
     if freedom == 1.0:
         _add_frames(frame, command, x, axis, first, matrix)
     for p in range(count):

@@ -10,7 +10,7 @@ import numpy as np
 from ...compiled import inner, lean
 from ...rounding import CRITICAL
 from .band import solve_band
-from .elastic import pull, stiffen_joint, stiffen_link
+from .elastic import pull, stiffen
 from .frame import assign, friction_of, load_of, norm
 from .friction import axis_of, linearise
 
@@ -33,21 +33,21 @@ _LONGEST = 0.25
 
 
 @lean
-def _join(system, i, j, stiffness, corner, sign):
-    """Add how the miss of point i, which moves, changes with the position of j, by the force -sign stiffness . change.
+def _join(system, i, j, block, corner):
+    """Add how the miss of point i, which moves, changes with the position of j, by the change of the force on i.
 
-    The stiffness consists of two rows and columns of the array, from its corner on. A point that sticks moves by
-    `jump`, which belongs to the right side.
+    Its negative consists of two rows and columns of the block, from its corner on. A point that sticks moves by `jump`,
+    which belongs to the right side.
     """
     rows, place, jump, band, right, reach = system
     u, v = corner
     other = place[j]
     for p in range(2):
         r = 2 * place[i] + p
-        by0 = sign * rows[i, 2 + 2 * p]
-        by1 = sign * rows[i, 3 + 2 * p]
-        change0 = by0 * stiffness[u, v] + by1 * stiffness[u + 1, v]
-        change1 = by0 * stiffness[u, v + 1] + by1 * stiffness[u + 1, v + 1]
+        by0 = rows[i, 2 + 2 * p]
+        by1 = rows[i, 3 + 2 * p]
+        change0 = by0 * block[u, v] + by1 * block[u + 1, v]
+        change1 = by0 * block[u, v + 1] + by1 * block[u + 1, v + 1]
         if other >= 0:
             at = 2 * reach + r - 2 * other
             band[2 * other, at] -= change0
@@ -57,24 +57,14 @@ def _join(system, i, j, stiffness, corner, sign):
 
 
 @lean
-def _distance(place, i, j):
-    return abs(place[i] - place[j]) if place[i] >= 0 and place[j] >= 0 else 0
-
-
-@lean
 def _reach_of(frame, place):
     """Compute the largest distance of two coupled points that move."""
     apart = 0
-    for s in range(frame.ends.shape[0]):
-        apart = max(apart, _distance(place, frame.ends[s, 0], frame.ends[s, 1]))
-    for j in range(frame.joints.shape[0]):
-        for p in range(3):
-            apart = max(apart, _distance(place, frame.joints[j, p], frame.joints[j, (p + 1) % 3]))
-    if frame.vector:
-        return 2 * apart + 1
-    for i in range(place.shape[0]):
-        for p in range(2):
-            apart = max(apart, _distance(place, i, frame.guide[i, p]))
+    for k in range(frame.pairs.shape[0]):
+        a = place[frame.pairs[k, 0]]
+        b = place[frame.pairs[k, 1]]
+        if a >= 0 and b >= 0:
+            apart = max(apart, abs(a - b))
     return 2 * apart + 1
 
 
@@ -109,26 +99,18 @@ def _assemble(frame, command, x, eta, system, block):
                     band[c + 1, middle + r - c - 1] += turn * by1
                 else:
                     right[r] -= turn * (by0 * jump[j, 0] + by1 * jump[j, 1])
-    for s in range(frame.ends.shape[0]):
-        a, b = frame.ends[s]
-        if place[a] < 0 and place[b] < 0:
+    for k in range(0, frame.stiffness.shape[0], 2 if frame.vector else 1):
+        count = 2 if frame.points[k, 2] < 0 else 3
+        moves = False
+        for p in range(count):
+            moves = moves or place[frame.points[k, p]] >= 0
+        if not moves:
             continue
-        stiffen_link(frame, command, x, s, block)
-        for _ in range(2):
-            if place[a] >= 0:
-                _join(system, a, a, block, (0, 0), 1.0)
-                _join(system, a, b, block, (0, 0), -1.0)
-            a, b = b, a
-    for j in range(frame.joints.shape[0]):
-        points = frame.joints[j]
-        if place[points[0]] < 0 and place[points[1]] < 0 and place[points[2]] < 0:
-            continue
-        stiffen_joint(frame, command, x, j, block)
-        for p in range(3):
-            if place[points[p]] < 0:
-                continue
-            for q in range(3):
-                _join(system, points[p], points[q], block, (2 * p, 2 * q), 1.0)
+        stiffen(frame, command, x, k, block)
+        for p in range(count):
+            i = frame.points[k, p]
+            for q in range(count if place[i] >= 0 else 0):
+                _join(system, i, frame.points[k, q], block, (2 * p, 2 * q))
 
 
 @inner
@@ -171,10 +153,8 @@ def _shorten(frame, step):
     longest = 0.0
     for i in range(step.shape[0]):
         longest = max(longest, norm(step[i, 0], step[i, 1]))
-    least = np.inf
-    for s in range(frame.ends.shape[0]):
-        least = min(least, frame.rest[s])
-    return 1.0 if longest <= _LONGEST * least else _LONGEST * least / longest
+    most = _LONGEST * frame.shortest
+    return 1.0 if longest <= most else most / longest
 
 
 @lean

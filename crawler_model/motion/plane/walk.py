@@ -63,7 +63,7 @@ def work_of(frame, x, before, after):
     for k in range(frame.stiffness.shape[0]):
         change = after[k] - before[k]
         if change != 0.0:
-            tension, _ = stretch(frame, before, x, k)
+            tension, _, _ = stretch(frame, before, x, k)
             total -= (tension - 0.5 * frame.stiffness[k] * change) * change
     return total
 
