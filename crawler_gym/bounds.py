@@ -79,7 +79,7 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     """Compute the largest tension and the largest change of rest length of each spring, each of shape (S,)."""
     body, columns = scene.body, scene.columns
     most = _largest(scene, np.abs(actions.limits[1:]).max(axis=0))
-    target = columns.target(np.maximum(actions.limits[2], scene.drive.rows[0]))
+    target = columns.target(np.where(actions.of >= 0, actions.limits[2], scene.drive.rows[0]))
     sides = np.abs(target[body.springs * scene.dimension :])
     n = body.contacts
     if scene.dimension == 2:

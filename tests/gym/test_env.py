@@ -73,6 +73,19 @@ def test_the_path_is_that_of_the_model(kind):
     assert moved > 0.0
 
 
+def test_tensions_are_bounded_by_the_loads_in_force():
+    """Those at the start of the drive, which pull the contacts together here; later ones are not played."""
+    drive = {"times": [0, 1, 2], "period": 2.0, "actuation": [[0.0], [0.1], [0.0]]}
+    drive["loads"] = [[0.4, -0.4], [0.0, 0.0], [0.4, -0.4]]
+    env = make(chain(2, loads=0.0, friction={"forward": 0.5, "backward": 0.5}, drive=drive), rate=5.0)
+    env.reset()
+    crawler = Crawler(env.spec_of_crawler.scene)
+    for _ in range(2):
+        observation, *_ = env.step(np.ones(1))
+        crawler.follow(crawler.scene.columns.target(env.lanes.row(0))[None])
+    assert observation[1] == crawler.joint_tension[0] == pytest.approx(-0.9)
+
+
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_same_seed_same_bits(kind):
     options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
