@@ -78,15 +78,8 @@ def build_actions(
         low[first:last], high[first:last] = check_range("friction", friction)
         if low[first:last].min(initial=0.0) < 0.0:
             raise CrawlerError(f"friction: {friction!r}; friction must be >= 0")
-    start = rows[0]
-    for name, bounds in (("stroke", slice(0, lengths)), ("friction", slice(first, last))):
-        outside = np.flatnonzero((start[bounds] < low[bounds]) | (start[bounds] > high[bounds]))
-        if outside.size:
-            c = int(outside[0]) + (bounds.start or 0)
-            raise CrawlerError(
-                f"{name}: {columns.names[c]} is {start[c]:g} at the start; the bounds {low[c]:g} .. {high[c]:g} must "
-                "include it"
-            )
+    for name, some in (("stroke", slice(0, lengths)), ("friction", slice(first, last))):
+        check_start(name, columns.names[some], rows[0, some], low[some], high[some])
     of = np.full(columns.count, -1, np.int64)
     of[:lengths] = np.arange(lengths)
     names = list(columns.names[:lengths])
@@ -110,6 +103,26 @@ def _default_strokes(scene: Scene) -> np.ndarray:
         spans = np.repeat(np.linalg.norm(spans, axis=1), 2)
     strains = np.full(columns.lengths - spans.size, _STRAIN)
     return np.concatenate((_PART * np.abs(spans), strains))
+
+
+def check_start(name: str, columns: Sequence[str], start: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+    """Check that bounds of commands include the commands at the start.
+
+    Args:
+        name: name of the field.
+        columns: name of each command, C in all.
+        start: commands at the start, shape (C,).
+        low: least values, shape (C,).
+        high: largest values, shape (C,).
+
+    Raises:
+        CrawlerError: if one is outside.
+    """
+    for column, value, least, most in zip(columns, start, low, high, strict=True):
+        if not least <= value <= most:
+            raise CrawlerError(
+                f"{name}: {column} is {value:g} at the start; the bounds {least:g} .. {most:g} must include it"
+            )
 
 
 def check_range(name: str, given: Any) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 
+from .actions import check_start
 from .env import CrawlerEnv, describe_bad, read_action
 from .task import check_number
 
@@ -97,12 +98,11 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         moves, bounds = find_planar_strokes(self.scene, stroke)  # type: ignore[arg-type]
         self._moved = np.flatnonzero(moves)
         self._low, self._high = np.array(bounds).T
-        start = self.scene.drive.rows[0, self._moved]
-        self._low, self._high = np.minimum(self._low, start), np.maximum(self._high, start)
+        self.action_names = tuple(np.array(name_joints(body))[self._moved].tolist())
+        check_start("stroke", self.action_names, self.scene.drive.rows[0, self._moved], self._low, self._high)
         self._size = (self._high - self._low) / max(check_number("stroke_time", stroke_time, "s") * self._rate, 1.0)
         force = float(supporting_force(self.scene))
         self._per_joule = check_number("price", price, "1", least=0.0) / force
-        self.action_names = tuple(np.array(name_joints(body))[self._moved].tolist())
         self._bound = self._find_bounds(force)
         self.observation_space = spaces.Box(-self._bound, self._bound, dtype=np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (self._moved.size,), np.float64)
