@@ -98,7 +98,7 @@ def build_spec(
         task: "translation" (travel as far as possible), "speed" (keep a speed), "reach" (go to a place) or "climb"
             (travel against the loads).
         direction: direction of travel: 1 or -1 on a line, 1 by default; in the plane an angle, required for translation
-            and speed [rad]. A climb goes against the loads by default.
+            and speed [rad]. A climb goes against the mean loads of its episodes by default.
         speed: for the task speed [m/s]; by default a quarter of the mean of the largest rates of the links.
         place: for the task reach, the net translation to reach [m]; by default a body length ahead, required in the
             plane.
@@ -140,7 +140,7 @@ def build_spec(
     _check_friction(actions, loaded, ranges)
     lengths = loaded.columns.lengths
     mean = float(np.mean(actions.limits[0, :lengths])) * float(ratio) if lengths else 0.0
-    checked = build_task(loaded, task, direction, speed, place, tolerance, mean, ranges.loads)
+    checked = build_task(loaded, task, direction, speed, place, tolerance, mean, ranges)
     feet = shown_contacts(loaded.body).size
     spans = find_spans(loaded, actions, checked, ranges, float(ratio), steps, feet)
     force = float(supporting_force(loaded))

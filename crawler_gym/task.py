@@ -14,6 +14,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_model.run.transport import length_of
 
 from .kernel.plan import REACH, SPEED, TRAVEL
+from .randomise import Ranges, vary_scene
 
 TASKS = {"translation": TRAVEL, "speed": SPEED, "reach": REACH, "climb": TRAVEL}
 """Names of the tasks, and their kinds."""
@@ -57,7 +58,7 @@ def build_task(
     place: float | Sequence[float] | None,
     tolerance: float | None,
     stroke_speed: float,
-    tilts: bool,
+    ranges: Ranges,
 ) -> Task:
     """Check a task against a scene, and complete it.
 
@@ -69,7 +70,7 @@ def build_task(
         place: net translation to reach, in the plane two numbers [m]; None for the default.
         tolerance: largest distance from the place at which it counts as reached [m]; None for the default.
         stroke_speed: mean of the largest rates of the links, from which the default speed follows [m/s].
-        tilts: whether episodes may have loads or slopes that the scene does not have.
+        ranges: how episodes differ.
 
     Returns:
         The task.
@@ -92,18 +93,18 @@ def build_task(
         unit = np.array([1.0, 0.0])[: scene.dimension]
         reach = 0.01 * length if tolerance is None else check_number("tolerance", tolerance, "m")
         return Task(name, unit, 0.0, goal, reach)
-    unit = _direction(scene, name, direction, tilts)
+    unit = _direction(scene, name, direction, ranges)
     steady = 0.25 * stroke_speed if name == "speed" else 0.0
     if speed is not None:
         steady = check_number("speed", speed, "m/s")
     return Task(name, unit, steady, np.zeros(scene.dimension), 0.0)
 
 
-def _direction(scene: Scene, name: str, direction: float | None, tilts: bool) -> np.ndarray:
+def _direction(scene: Scene, name: str, direction: float | None, ranges: Ranges) -> np.ndarray:
     if direction is not None and (not isinstance(direction, (int, float)) or not math.isfinite(direction)):
         raise CrawlerError(f"direction: {direction!r}; it must be a number")
     if name == "climb" and direction is None:
-        return _against_loads(scene, tilts)
+        return _against_loads(scene, ranges)
     if scene.dimension == 2:
         if direction is None:
             raise CrawlerError(
@@ -115,17 +116,19 @@ def _direction(scene: Scene, name: str, direction: float | None, tilts: bool) ->
     return np.array([1.0 if direction is None else float(direction)])
 
 
-def _against_loads(scene: Scene, tilts: bool) -> np.ndarray:
-    """Find the direction against the sum of the loads of a scene, or uphill."""
+def _against_loads(scene: Scene, ranges: Ranges) -> np.ndarray:
+    """Find the direction against the sum of the loads, of the mean of all episodes, else of the scene; or uphill."""
     axes = scene.dimension
-    total = np.asarray(scene.drive.loads[0]).reshape(-1, axes).sum(axis=0) if scene.columns.loads else np.zeros(axes)
-    track = scene.ground.track
-    if track is not None:
-        total = total + track.tilt.sum()
-    size = float(np.linalg.norm(total))
-    if size > 0.0:
-        return np.asarray(-total / size)
-    if tilts and axes == 1:
+    given = {key: ranges.ranges[key] for key in ranges.of_scene if key in ("loads", "slope")}
+    means = {key: np.array([np.mean(ends)]) for key, ends in given.items()}
+    for one in (vary_scene(scene, tuple(means), means)[0], scene) if means else (scene,):
+        total = np.asarray(one.drive.loads[0]).reshape(-1, axes).sum(axis=0) if one.columns.loads else np.zeros(axes)
+        if one.ground.track is not None:
+            total = total + one.ground.track.tilt.mean(axis=0).sum()  # of patches that slope otherwise than the scene
+        size = float(np.linalg.norm(total))
+        if size > 0.0:
+            return np.asarray(-total / size)
+    if means and axes == 1:
         return np.ones(1)
     raise CrawlerError(
         f"task: climb, but nothing loads {scene.name}; give it `loads` or `ground.slope`, or randomise slope or loads"

@@ -232,6 +232,29 @@ def test_a_command_that_friction_cannot_hold_is_not_followed():
     assert env.lanes.row(0)[5:8].sum() >= 0.9 * (1 - 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("slope", "ranges", "direction"),
+    [
+        (0.0, {"slope": [-10.0, -5.0]}, -1.0),
+        (10.0, {"slope": [-10.0, -5.0]}, -1.0),
+        (10.0, {"slope": [-9.0, 9.0]}, 1.0),
+        (0.0, {"slope": [-9.0, 9.0]}, 1.0),
+        (0.0, {"loads": [0.01, 0.02]}, -1.0),
+        (10.0, {"loads": [0.01, 0.02]}, 1.0),
+    ],
+)
+def test_a_climb_goes_against_what_is_drawn_in_the_mean(slope, ranges, direction):
+    document = load_scene("slope_climber").document() | {"ground": {"slope": slope}}
+    env = make(Scene.model_validate(document), "climb", randomise=ranges)
+    assert env.spec_of_crawler.task.direction == [direction]
+
+
+def test_a_climb_over_a_hill_goes_the_way_that_the_ground_around_it_slopes():
+    document = load_scene("hill_top").document()
+    document["ground"]["slope"] = 1.0
+    assert make(Scene.model_validate(document), "climb").spec_of_crawler.task.direction == [1.0]
+
+
 @pytest.mark.parametrize("kind", ["chain", "segment", "plane"])
 def test_it_draws_itself(kind):
     pytest.importorskip("matplotlib")
