@@ -170,12 +170,25 @@ def _of(document: dict[str, Any], key: str) -> Iterator[tuple[str, float]]:
     """List the numbers of friction, or of stiffness, in the document of a scene."""
     body = document["body"]
     if key == "stiffness":
-        if "links" in body:
-            yield from _numbers(body["links"]["stiffness"], "body.links.stiffness")
+        yield from _stiffnesses(body.get("links", ()), "body.links")
     elif "friction" in document:
         yield from _numbers(document["friction"], "friction")
     for segment in body.get("segments", ()):
-        yield from _numbers(segment[key], f"body.segments.{segment['name']}.{key}")
+        name = f"body.segments.{segment['name']}"
+        yield from _stiffnesses(segment, name) if key == "stiffness" else _numbers(segment[key], f"{name}.{key}")
+
+
+def _stiffnesses(node: Any, name: str) -> Iterator[tuple[str, float]]:
+    """List the numbers of stiffness below links or a segment: of springs and stops, and the tensions of curves."""
+    for key, inner in node.items() if isinstance(node, Mapping) else ():
+        if key == "stiffness":
+            yield from _numbers(inner, f"{name}.{key}")
+        elif key == "curve":
+            yield from _numbers(inner["tension"], f"{name}.{key}.tension")
+        else:
+            yield from _stiffnesses(inner, f"{name}.{key}")
+    for i, inner in enumerate(node if isinstance(node, (list, tuple)) else ()):
+        yield from _stiffnesses(inner, f"{name}[{i}]")
 
 
 def _numbers(node: Any, name: str) -> Iterator[tuple[str, float]]:

@@ -224,6 +224,35 @@ def test_an_episode_repeats_from_its_info():
         assert np.array_equal(env.displacement, crawler.displacement)
 
 
+SPRINGS = {
+    "alike": {"stiffness": 20.0},
+    "listed": [{"stiffness": 20.0}, {"stiffness": 25.0}],
+    "limited": [
+        {"stiffness": 8.0, "tension": 0.5, "passive": {"stiffness": 2.0}},
+        {"stiffness": 8.0, "passive": {"stops": {"longest": 0.05, "stiffness": 100.0}}},
+    ],
+    "curved": {"curve": {"elongation": [-0.1, 0.0, 0.1], "tension": [-1.0, 0.0, 3.0]}},
+}
+
+
+@pytest.mark.parametrize("springs", SPRINGS)
+def test_a_factor_on_stiffness_is_one_on_all_forces(springs):
+    """Springs twice as stiff, with limits twice as large, go the same way on twice the friction."""
+    links = SPRINGS[springs]
+    weak = [link | {"tension": 0.25} if "tension" in link else link for link in links] if type(links) is list else links
+    stiff, soft = (
+        make(chain(body={"contacts": [0.0, 0.1, 0.2], "links": each}, friction={"forward": f, "backward": 0.5 * f}))
+        for each, f in ((links, 0.4), (weak, 0.2))
+    )
+    stiff.reset(options={"stiffness": 2.0})
+    soft.reset()
+    for step in range(20):
+        for env in (stiff, soft):
+            env.step(act(np.zeros(1), 2, step))
+        assert stiff.displacement == pytest.approx(soft.displacement, abs=1e-12)
+    assert np.abs(soft.displacement).max() > 0.01
+
+
 def test_a_command_that_friction_cannot_hold_is_not_followed():
     env = make(chain(loads=-0.3), friction=[0.1, 0.6])
     env.reset(seed=0)
