@@ -253,6 +253,26 @@ def test_a_factor_on_stiffness_is_one_on_all_forces(springs):
     assert np.abs(soft.displacement).max() > 0.01
 
 
+@pytest.mark.parametrize("scene", ["slope_climber", "hill_top", "planar"])
+def test_a_slope_may_be_level(scene):
+    """A scene that only its slope loads has commands of loads without that slope, too."""
+    if scene == "planar":
+        body = {"contacts": [[0.0, 0.0], [0.2, 0.0]], "links": {"stiffness": 20.0}, "weights": 1.0}
+        document = {"name": scene, "dimension": 2, "body": body, "friction": {"coefficient": {"isotropic": 0.5}}}
+    else:
+        document = load_scene(scene).document()
+    document.setdefault("ground", {})["slope"] = 1.0
+    env = make(Scene.model_validate(document), direction=1)
+    play(env, 5, options={"slope": 0.0})
+    crawler = Crawler(env.lanes.scene({"slope": 0.0}))
+    env.reset()
+    for _ in range(5):
+        env.step(np.ones(env.action_space.shape))
+        crawler.follow(crawler.scene.columns.target(env.lanes.row(0))[None])
+    assert np.array_equal(env.displacement, crawler.displacement)
+    assert not crawler.loads.any()
+
+
 def test_a_command_that_friction_cannot_hold_is_not_followed():
     env = make(chain(loads=-0.3), friction=[0.1, 0.6])
     env.reset(seed=0)
