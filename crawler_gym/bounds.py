@@ -89,6 +89,8 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
         friction = np.maximum(sides[:n], sides[n : 2 * n])
         held = sides[2 * n :].sum()
     friction = friction * max(ranges.ranges.get("friction", (1.0, 1.0))[1], 1.0)
+    if "slope" in ranges.ranges:
+        friction = friction / np.cos(scene.ground.slope)  # coefficients hold most on level ground
     low, high = ranges.ranges.get("loads", (0.0, 0.0))
     weight = scene.ground.weight
     track = scene.ground.track

@@ -86,6 +86,17 @@ def test_tensions_are_bounded_by_the_loads_in_force():
     assert observation[1] == crawler.joint_tension[0] == pytest.approx(-0.9)
 
 
+def test_tensions_are_bounded_by_the_friction_of_the_most_level_ground():
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}, "weights": 1.0}
+    document = {"name": "steep", "body": body, "friction": {"coefficient": {"forward": 5.0, "backward": 5.0}}}
+    document["ground"] = {"slope": 75.0}
+    env = make(Scene.model_validate(document), randomise={"slope": 0.0}, stroke=[0.0, 1.0])
+    env.reset()
+    for _ in range(4):
+        observation, *_ = env.step(np.ones(1))
+    assert observation[1] == pytest.approx(-5.0)
+
+
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_same_seed_same_bits(kind):
     options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
