@@ -64,7 +64,7 @@ class Picture:
         place = scene.body.position + x
         middle = float(np.mean(place if place.ndim == 1 else place[:, 0]))
         reach = float(np.ptp(scene.body.position, axis=0).max())
-        axis.set_xlim(middle - 1.5 * reach, middle + 1.5 * reach)
+        axis.set_xlim(middle - 1.5 * reach, middle + 1.5 * reach, auto=x.ndim == 2)
         along = float(lanes.results[m, ALONG])
         if self._spec.task.name == "reach" and x.ndim == 1:
             away = float(self._spec.task.place[0]) - along

@@ -316,7 +316,7 @@ def test_a_climb_over_a_hill_goes_the_way_that_the_ground_around_it_slopes():
 
 
 @pytest.mark.parametrize("kind", ["chain", "segment", "plane"])
-def test_it_draws_itself(kind):
+def test_it_draws_itself(kind, caplog):
     pytest.importorskip("matplotlib")
     env = of_kind(kind, render_mode="rgb_array")
     env.reset(seed=0)
@@ -327,6 +327,7 @@ def test_it_draws_itself(kind):
     assert before.shape == after.shape == (192, 512, 3)
     assert before.dtype == np.uint8
     assert (before != after).any()
+    assert not caplog.messages, "matplotlib warns"
     env.close()
 
 
