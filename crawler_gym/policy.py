@@ -63,12 +63,19 @@ def _load_onnx(path: Path) -> Policy:
     try:
         session = runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no common type
-        raise CrawlerError(f"policy: {path}: {' '.join(str(error).split())[:200]}") from None
+        raise _explain(path, error) from None
     entry = session.get_inputs()[0]
     kind = np.float64 if entry.type == "tensor(double)" else np.float32
 
     def policy(observation: np.ndarray) -> np.ndarray:
-        (action, *_) = session.run(None, {entry.name: observation[None].astype(kind)})
+        try:
+            (action, *_) = session.run(None, {entry.name: observation[None].astype(kind)})
+        except Exception as error:  # above all a network for observations of another scene
+            raise _explain(path, error) from None
         return np.asarray(action, dtype=np.float64)[0]
 
     return policy
+
+
+def _explain(path: Path, error: Exception) -> CrawlerError:
+    return CrawlerError(f"policy: {path}: {' '.join(str(error).split())[:200]}")

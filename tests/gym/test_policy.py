@@ -197,6 +197,7 @@ def test_an_onnx_file_is_a_policy(tmp_path):
     seen, action = (helper.make_tensor_value_info(n, kind, s) for n, s in (("seen", [1, 8]), ("action", [1, 2])))
     onnx.save(helper.make_model(helper.make_graph([node], "policy", [seen], [action], entries)), tmp_path / "p.onnx")
     observation = np.linspace(-1.0, 1.0, 8)
-    assert load_policy(str(tmp_path / "p.onnx"))(observation) == pytest.approx(
-        observation @ weight + [0.1, -0.2], abs=1e-6
-    )
+    policy = load_policy(str(tmp_path / "p.onnx"))
+    assert policy(observation) == pytest.approx(observation @ weight + [0.1, -0.2], abs=1e-6)
+    with pytest.raises(CrawlerError, match=r"p\.onnx: .* Got: 11 Expected: 8"):  # trained in another scene
+        policy(np.ones(11))
