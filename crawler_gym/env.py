@@ -118,6 +118,13 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._action, self._observation = lanes.actions, lanes.observations[0]
         self._result = lanes.results[0]
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_picture": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._attach(self.lanes)
+
     def _begin(self) -> None:
         drawn = self.spec_of_crawler.ranges.draw(self.np_random)
         self.lanes.reset(np.zeros(1, np.int64), [drawn])

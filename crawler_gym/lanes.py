@@ -48,6 +48,7 @@ class Lanes:
             threads: number of threads; None for one per core where that pays.
         """
         self.spec, self.count = spec, count
+        self._given = spec, count, logs, threads
         scene, actions = spec.scene, len(spec.actions.names)
         shared = self.shared = build_shared(spec)
         self._memory = np.zeros((count, shared.lane_at[-1]))
@@ -63,6 +64,7 @@ class Lanes:
         self._has_kernel = has_kernel(scene)
         self._segments = bool(scene.body.segments)
         self._crawlers: list[Crawler] = []
+        self._bodies: tuple[np.ndarray, ...] = ()
         self._readout = Readout(scene.body, shown_contacts(scene.body))
         if self._has_kernel:
             self._rest = np.zeros((1, shared.lane_at[-1]))
@@ -98,6 +100,20 @@ class Lanes:
     def _at_rest(self, plan: Plan) -> LineState:
         """Build the state at the start of a scene, or of variations of it."""
         return LineMotion(plan.body).start(plan.start_displacement, plan.drive.targets[..., 0, :])
+
+    @property
+    def _arrays(self) -> tuple[np.ndarray, ...]:
+        """All that changes; the other arrays are views of these."""
+        return self._memory, self._clocks, self.actions, self.log, *self._bodies
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let copies be built anew: copied one by one, views would be arrays of their own."""
+        return Lanes, self._given, (self.spec, self._crawlers, self._arrays)
+
+    def __setstate__(self, state: tuple[Spec, list[Crawler], tuple[np.ndarray, ...]]) -> None:
+        self.spec, self._crawlers, arrays = state
+        for own, given in zip(self._arrays, arrays, strict=True):
+            own[...] = given
 
     def close(self) -> None:
         """End the threads."""

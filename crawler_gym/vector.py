@@ -87,6 +87,9 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = np.zeros(num_envs, np.bool_)
         self._pictures: list[Any] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_pictures": []}
+
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seed of each environment."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -180,10 +179,18 @@ class Crawler:
         Returns:
             An independent crawler in the same state.
         """
-        other = copy.copy(self)
+        other = object.__new__(Crawler)
+        other.__dict__ |= self.__dict__
         other._state = self._state.copy()
         other._scratch = self._motion.scratch()
         return other
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy the scene and the state alone: kernels are compiled for read-only arrays, which copies would not be."""
+        return Crawler, (self.scene, self.method, self.budget), (self._state, self._row)
+
+    def __setstate__(self, state: tuple[State, np.ndarray | None]) -> None:
+        self._state, self._row = state
 
     def placed(self, displacement: np.ndarray, target: np.ndarray) -> Crawler:
         """Build a crawler at rest at other positions, for example to continue a recorded run.

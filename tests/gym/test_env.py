@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 import warnings
@@ -432,3 +434,25 @@ def test_wrong_options_are_one_clear_line_and_leave_the_episode_untouched(option
 def test_no_step_before_a_reset():
     with pytest.raises(CrawlerError, match="no episode has begun; call reset first"):
         make().step(np.zeros(2))
+
+
+@pytest.mark.parametrize("kind", EACH_KIND)
+def test_copies_go_on_by_themselves(kind):
+    env = of_kind(kind, randomise={"noise": 0.01, "delay": 1}, steps=20)
+    play(env, 5, seed=1)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+
+    def go_on(one):
+        action = np.full(one.action_space.shape, 0.5)
+        stepped = [one.step(action if k < 4 else -action) for k in range(8)]
+        return [x for observation, reward, *_ in stepped for x in (*observation, reward)], play(one, 3)[0].tolist()
+
+    expected = go_on(env)
+    assert all(go_on(one) == expected for one in copies)
+
+
+def test_copies_of_an_environment_that_was_drawn():
+    pytest.importorskip("matplotlib")
+    env = make(render_mode="rgb_array")
+    play(env, 2, seed=1)
+    assert np.array_equal(env.render(), copy.deepcopy(env).render())
