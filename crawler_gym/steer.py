@@ -96,6 +96,8 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             raise CrawlerError(f"steps: {steps!r}; it must be a whole number >= 0; 0 for no limit")
         self._steps = steps
         moves, bounds = find_planar_strokes(self.scene, stroke)  # type: ignore[arg-type]
+        if not bounds:
+            raise CrawlerError(f"stroke: {stroke!r}; it must name at least one of {', '.join(name_joints(body))}")
         self._moved = np.flatnonzero(moves)
         self._low, self._high = np.array(bounds).T
         self.action_names = tuple(np.array(name_joints(body))[self._moved].tolist())

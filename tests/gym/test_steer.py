@@ -130,6 +130,7 @@ def test_a_heading_is_reached_and_an_episode_has_an_end():
         ({"tolerance": 0.0}, "tolerance: 0.0; it must be a number > 0"),
         ({"speed": 1.0}, "speed: unknown setting of the task steer; the settings are scene, waypoints"),
         ({"stroke": {"link_9": (0.0, 0.1)}}, "stroke: 'link_9'; the links and joints are link_0"),
+        ({"stroke": {}}, "stroke: {}; it must name at least one of link_0, link_1"),
         (
             {"stroke": {"link_0": (0.05, 0.1)}},
             "stroke: link_0 is 0 at the start; the bounds 0.05 .. 0.1 must include it",
