@@ -174,13 +174,13 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     for _ in range(count):
         moved = fit.unknowns.copy()
         for group in structure.groups:
-            shifts = [origin[p] - moved[p] for p in group & structure.held]
-            if len(shifts) == 1 and all(space.logarithmic[p] for p in group):
-                _shift(fit, group, next(iter(group & structure.held)), shifts[0], moved)
+            kept = sorted(group & structure.kept)
+            if len(kept) == 1 and all(space.logarithmic[p] for p in group):
+                shift = origin[kept[0]] - moved[kept[0]]
+                moved[list(group)] += shift
                 for p in structure.unseen:  # bounds that hold; larger forces need larger ones
-                    moved[p] += max(shifts[0], 0.0) * space.logarithmic[p]
-        for p in structure.held:
-            moved[p] = origin[p]
+                    moved[p] += max(shift, 0.0) * space.logarithmic[p]
+            moved[kept] = origin[kept]
         if np.array_equal(moved, fit.unknowns):  # there the sum of squares is least already
             return fit, structure
         held = np.isin(np.arange(problem.count), list(structure.fixed))
@@ -195,16 +195,6 @@ def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     return fit, structure
 
 
-def _shift(fit: Fit, group: set[int], first: int, shift: float, moved: np.ndarray) -> None:
-    """Move a group along its null direction until its first member has the scene's value, in place."""
-    members = sorted(group)
-    part = fit.residuals.jacobian[:, members]
-    direction = np.linalg.svd(part, full_matrices=False)[2][-1]
-    own = direction[members.index(first)]
-    if abs(own) > 1e-6:
-        moved[members] += direction * (shift / own)
-
-
 def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) -> Identification:
     """Judge the parameters, measure the misfit, and collect the result."""
     count = problem.space.origin.size
@@ -213,7 +203,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     covariance = np.zeros((problem.count, problem.count))
     own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
     covariance[np.ix_(unknown, unknown)] = own
-    below, above = find_intervals(problem, fit, free, covariance, freedom)
+    below, above = find_intervals(problem, fit, free, covariance, freedom, set(structure.weak))
     parameters = judge(problem, fit, structure, below, above)
     sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))

@@ -16,12 +16,13 @@ _NULL = 1e-12
 
 
 def find_intervals(
-    problem: Problem, fit: Fit, free: list[int], covariance: np.ndarray, freedom: float
+    problem: Problem, fit: Fit, free: list[int], covariance: np.ndarray, freedom: float, weak: set[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the ends of all 95 % intervals.
 
     Args:
-        free: the parameters that are determined.
+        free: the parameters that move.
+        weak: those among them that are not determined.
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows
@@ -38,7 +39,7 @@ def find_intervals(
     part = fit.mean_jacobian[:, unknown]
     size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
     plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2
-    for k, p in enumerate(free):
+    for k, p in ((k, p) for k, p in enumerate(free) if p not in weak):
         width = quantile * float(np.sqrt(covariance[p, p]))
         low[p] = high[p] = width
         if 0.0 < width < np.inf and not problem.is_large:

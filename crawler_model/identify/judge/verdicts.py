@@ -72,9 +72,10 @@ class Structure:
 
     Attributes:
         unseen: parameters without any effect.
-        held: parameters whose value is that of the scene, because only a combination is determined.
-        groups: sets of parameters of which only combinations are determined, in the order of the parameters.
-        weak: parameters that the noise hides, with the half width of their interval, as a logarithm.
+        held: parameters that keep their value, because only a combination of them and others is determined.
+        groups: sets of parameters of which only ratios or differences are determined, in the order of the parameters.
+        weak: parameters that are not determined, with the half width of their interval, as a logarithm: infinite where
+            only a combination is determined that is no ratio, for example a sum; else the noise hides them.
     """
 
     unseen: set[int] = field(default_factory=set)
@@ -84,8 +85,13 @@ class Structure:
 
     @property
     def fixed(self) -> set[int]:
-        """The parameters that are not determined, or held because others are determined only together with them."""
-        return self.unseen | self.held | set(self.weak)
+        """The parameters that do not move: what the others may be does not depend on them."""
+        return self.unseen | self.held
+
+    @property
+    def kept(self) -> set[int]:
+        """The parameters that keep the value of the scene, which fixes the scale of a group."""
+        return self.held - set(self.weak)
 
     def join(self, members: set[int]) -> None:
         """Add a group, joined with all that share a parameter with it.
@@ -104,7 +110,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     """Find null directions of the Jacobian, exact ones and those that the noise hides.
 
     Args:
-        known: what was found before; its held parameters remain held.
+        known: what was found before; its groups remain.
 
     Returns:
         The structure.
@@ -119,7 +125,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     jacobian = _effective_jacobian(problem, fit.residuals.jacobian) * larger
     found = Structure()
     if known is not None:
-        found.held, found.groups = set(known.held), [set(g) for g in known.groups]
+        found.held, found.groups = known.kept, [set(g) for g in known.groups]
     size = np.linalg.norm(jacobian, axis=0)
     own = np.linalg.norm(fit.residuals.jacobian[:, :count], axis=0)
     spread = max(float(np.nanmax(np.abs(r.measured.values))) for r in problem.replicas)
@@ -127,6 +133,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     found.unseen = {p for p in range(count) if size[p] <= max(_ZERO * largest, _NULL * own[p])} - found.held
     triangle: Any = np.linalg.qr(jacobian, mode="r")  # with the same singular values
     nothing = max(_NULL, fit.residuals.derivative_error)
+    scaled = np.where(problem.space.logarithmic, 1.0, fit.unknowns[:count]) / larger
     while True:
         free = [p for p in range(count) if p not in found.fixed]
         if not free:
@@ -138,25 +145,36 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
             shares = null.T @ null
             first = next(i for i in range(len(free)) if shares[i, i] > _MEMBER)
             _, label = connected_components(np.abs(shares) > _MEMBER * np.abs(shares).max(), directed=False)
-            found.join({free[i] for i in np.flatnonzero(label == label[first])})
+            members = [free[i] for i in np.flatnonzero(label == label[first])]
+            together = scaled if problem.space.logarithmic[members].any() else 1.0 / problem.space.scale
+            effect = np.linalg.norm(triangle[:, members] @ together[members])
+            if effect <= np.sqrt(nothing) * np.linalg.norm(size[members] * together[members]):
+                found.join(set(members))
+            else:
+                found.weak |= dict.fromkeys(members, np.inf)
             found.held.add(free[first])
             continue
-        hidden = _hidden(problem, fit, jacobian, free)
+        hidden = _hidden(problem, fit, jacobian, scaled, free, found.weak)
         if hidden is None:
             return found
-        members_of, width = hidden
-        if len(members_of) > 1:
-            found.join(set(members_of))
-            found.held.add(members_of[0])
+        members, width = hidden
+        if len(members) > 1:
+            found.join(set(members))
+            found.held.add(members[0])
         else:
-            found.weak[members_of[0]] = width
+            found.weak[members[0]] = width
 
 
-def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -> tuple[list[int], float] | None:
-    """Find the combination of logarithms that the noise hides most, if it hides any."""
+def _hidden(
+    problem: Problem, fit: Fit, jacobian: np.ndarray, scaled: np.ndarray, free: list[int], weak: Mapping[int, float]
+) -> tuple[list[int], float] | None:
+    """Find the ratio or the parameter that the noise hides most, if it hides any.
+
+    The parameters of a ratio move together along `scaled`, shape (P,). Those that are weak already may have any value.
+    """
     covariance, freedom = find_covariance(problem, replace(fit, spread=np.zeros_like(fit.spread)), jacobian, free)
     quantile = find_quantile(freedom)
-    logs = [i for i, p in enumerate(free) if problem.space.logarithmic[p]]
+    logs = [i for i, p in enumerate(free) if problem.space.logarithmic[p] and p not in weak]
     if not logs:
         return None
     widths = quantile * np.sqrt(np.diag(covariance)[logs])
@@ -166,9 +184,11 @@ def _hidden(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list[int]) -
     _, vectors = np.linalg.eigh(covariance[np.ix_(logs, logs)])
     direction = np.abs(vectors[:, -1])
     members = [free[logs[i]] for i in np.flatnonzero(direction > _WEAK_MEMBER * direction.max())]
-    conditional = jacobian[:, members[0]]
-    alone = quantile / max(float(np.linalg.norm(conditional)), 1e-300)
-    if len(members) > 1 and alone <= _WIDEST:
+    others = jacobian[:, [p for p in free if p in weak]]
+    effect = jacobian[:, members] @ scaled[members]
+    effect = effect - others @ np.linalg.lstsq(others, effect)[0]
+    alone, together = (quantile / max(float(np.linalg.norm(v)), 1e-300) for v in (jacobian[:, members[0]], effect))
+    if len(members) > 1 and alone <= _WIDEST < together:
         return members, float(widths[worst])
     return [free[logs[worst]]], float(widths[worst])
 
@@ -246,15 +266,18 @@ def judge(
     low, high = (v[:count] for v in problem.bounds)
     parameters = []
     for p, name in enumerate(space.names):
-        group = next((g for g in structure.groups if p in g), set())
+        group = next((g for g in structure.groups if p in g), set()) - (structure.weak.keys() - {p})
         partners = tuple(space.names[q] for q in sorted(group - {p}))
         interval = _interval(problem, coordinates[p], below[p], above[p], p)
         relation = f"{'ratio to' if space.logarithmic[p] else 'difference from'} {', '.join(partners)}"
         if p in structure.unseen:
             parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, {})))
-        elif p in structure.weak:
-            factor = np.exp(min(2.0 * structure.weak[p], 700.0))
-            why = f"the noise hides it: its 95 % interval would span a factor of {factor:.3g}"
+        elif p in structure.weak or (p in structure.held and not partners):
+            width = structure.weak.get(p, np.inf)
+            why = "only a combination of it with others is determined, which is no ratio"
+            if np.isfinite(width):
+                factor = np.exp(min(2.0 * width, 700.0))
+                why = f"the noise hides it: its 95 % interval would span a factor of {factor:.3g}"
             parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
         elif p in structure.held:
             why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"

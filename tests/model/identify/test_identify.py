@@ -13,6 +13,11 @@ import numpy as np
 import pytest
 
 from crawler_model import CrawlerError, Identification, Measurements, Scene, excite, identify, simulate
+from crawler_model.identify.fit.fit import fit_from
+from crawler_model.identify.fit.problem import Problem
+from crawler_model.identify.fit.space import build_space
+from crawler_model.identify.judge.verdicts import find_structure
+from crawler_model.identify.replica.replica import Replica
 from crawler_model.identify.sensor.sensor import PERFECT
 
 from .synthetic import chain, measure, scaled, walk
@@ -511,3 +516,30 @@ def test_held_out_rows_that_depend_on_a_bound_are_no_misfit() -> None:
     assert found.score.residual > 5e-3  # at one value of those beyond the bound
     assert found.score.coverage >= 0.9
     assert found.model_fits
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1], ids=["exact", "hidden by noise"])
+@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["ratio", "sum"])
+def test_only_a_common_factor_leaves_a_ratio(sign: float, noise: float) -> None:
+    """Two columns that are opposite: both numbers may be multiplied; two that are equal: one may replace the other."""
+    document = chain(2)
+    measured = measure(document, *walk(1, 2.0, 0), noise=1e-3)
+    names = ["friction.forward[0]", "friction.forward[1]"]
+    replica = Replica(Scene.model_validate(document), measured, names)
+    space = build_space(names, replica.start_values, None)
+    problem = Problem([replica], [np.ones(measured.time.size, np.bool_)], space, "none", PERFECT)
+    fit = fit_from(problem, space.to_coordinates(space.origin), np.zeros(2, np.bool_), tight=True)
+    assert fit is not None
+    columns = np.zeros_like(fit.residuals.jacobian)
+    columns[:, 0] = 1.0
+    columns[:, 1] = sign
+    columns[0, 1] += noise
+    residuals = dataclasses.replace(fit.residuals, jacobian=columns)
+    structure = find_structure(problem, dataclasses.replace(fit, residuals=residuals))
+    if sign < 0.0:
+        assert structure.groups == [{0, 1}]
+        assert structure.held == {0}
+        assert not structure.weak
+    else:
+        assert not structure.groups
+        assert set(structure.weak) == {0, 1}
