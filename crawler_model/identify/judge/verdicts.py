@@ -10,6 +10,7 @@ import numpy as np
 
 from ..fit.fit import Fit
 from ..fit.problem import Problem
+from ..fit.space import Space
 from ..sensor.noise import find_quantile, find_rounding
 from .bounds import find_bounds
 
@@ -271,7 +272,9 @@ def judge(
         interval = _interval(problem, coordinates[p], below[p], above[p], p)
         relation = f"{'ratio to' if space.logarithmic[p] else 'difference from'} {', '.join(partners)}"
         if p in structure.unseen:
-            parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, {})))
+            forces = {q for q in structure.kept if space.logarithmic[p] and space.logarithmic[q]}
+            condition = _condition(space, values, forces)
+            parameters.append(_judge_unseen(problem, fit, p, bounds.get(p, {}), condition))
         elif p in structure.weak or (p in structure.held and not partners):
             width = structure.weak.get(p, np.inf)
             why = "only a combination of it with others is determined, which is no ratio"
@@ -283,8 +286,7 @@ def judge(
             why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"
             parameters.append(Parameter(name, "ratio", float(values[p]), (None, None), partners, why))
         elif group:
-            kept = ", ".join(f"{space.names[q]} = {values[q]:.6g}" for q in sorted(group & structure.held))
-            why = f"only its {relation} is determined; the value holds for {kept}"
+            why = f"only its {relation} is determined{_condition(space, values, group & structure.held)}"
             parameters.append(Parameter(name, "ratio", float(values[p]), interval, partners, why))
         elif coordinates[p] - low[p] < 1e-6 or high[p] - coordinates[p] < 1e-6:
             at_most = coordinates[p] - low[p] < 1e-6
@@ -317,8 +319,16 @@ def _interval(
     return low, high
 
 
-def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: Mapping[bool, tuple[float, str]]) -> Parameter:
-    """Write the verdict on a parameter without effect on the fitted rows."""
+def _condition(space: Space, values: np.ndarray, held: set[int]) -> str:
+    """Name the values that fix the scale of others; nothing if there are none."""
+    kept = ", ".join(f"{space.names[q]} = {values[q]:.6g}" for q in sorted(held))
+    return f"; the value holds for {kept}" if kept else ""
+
+
+def _judge_unseen(
+    problem: Problem, fit: Fit, p: int, bounds: Mapping[bool, tuple[float, str]], condition: str
+) -> Parameter:
+    """Write the verdict on a parameter without effect on the fitted rows, whose bounds hold under a condition."""
     name = problem.space.names[p]
     if not bounds:
         why = "the measured motion does not depend on it"
@@ -328,4 +338,4 @@ def _judge_unseen(problem: Problem, fit: Fit, p: int, bounds: Mapping[bool, tupl
     ends = {at_least: value for at_least, (value, _) in bounds.items()}
     sides = {True: "at least", False: "at most"}
     why = "; ".join(f"{sides[at_least]} {value:.6g}: {event}" for at_least, (value, event) in bounds.items())
-    return Parameter(name, "bound", next(iter(ends.values())), (ends.get(True), ends.get(False)), (), why)
+    return Parameter(name, "bound", next(iter(ends.values())), (ends.get(True), ends.get(False)), (), why + condition)

@@ -134,6 +134,16 @@ def test_from_positions_stiffness_and_friction_are_found_as_ratios(seed: int) ->
         assert p.value / first.value == pytest.approx(expected, rel=1e-9)
 
 
+def test_bounds_name_the_value_that_fixes_the_scale() -> None:
+    document = chain(2)
+    times, rows = walk(1, 4.0, 0, stroke=0.06)
+    found = identify(scaled(document, WRONG), [measure(document, times, rows, noise=1e-4)], ALL, seconds=0.0)
+    bounds = [p for p in found.parameters if p.verdict == "bound"]
+    assert bounds
+    for p in bounds:
+        assert p.why.endswith("; the value holds for body.links.stiffness[0] = 30"), p.why
+
+
 def test_a_known_load_fixes_the_scale() -> None:
     document = mixed(seed=1) | {"loads": [0.05, -0.03, 0.04], "friction": {"isotropic": [0.3, 0.35, 0.25]}}
     times, rows = walk(2, 6.0, 1)
