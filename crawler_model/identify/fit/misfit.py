@@ -7,13 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..sensor.noise import find_noise_at_rest, find_noise_of_cycles, find_spikes
+from ..sensor.noise import find_noise_at_rest, find_noise_of_cycles, find_spikes, guess_noise
 from .problem import Problem, Residuals
 
 FITS = 1.3
 """Residuals of at most this many times the noise are called noise."""
 _REPEATED = 1.2
 """Noise at rest of at most this many times that of the cycles is noise."""
+_SLOWEST = 10.0
+"""Likewise of that of neighbouring values, from which slow noise differs little."""
 _PHASES = 8
 _PARTS = 24
 _PERIODIC = 0.9
@@ -92,9 +94,11 @@ def measure_misfit(problem: Problem, residuals: Residuals) -> list[Misfit]:
             kept = error[~outlier]
             rest = find_noise_at_rest(error, residuals.resting[i][rows, m] & ~outlier)
             cycles = find_noise_of_cycles(time[~outlier], kept, period) if period else None
-            if rest is not None and cycles is not None:
-                # where the model rests and the contact slides, errors repeat in every cycle, which noise does not
-                rest = min(rest, _REPEATED * cycles)
+            if rest is not None:
+                # where the model rests and the contact slides, errors repeat in every cycle, which noise does not, and
+                # are far larger than what neighbouring values show
+                near = guess_noise(values, problem.pixels[i][m], problem.floor)[0].white
+                rest = min(rest, _SLOWEST * near if cycles is None else _REPEATED * cycles)
             shown = [one for one in (rest, cycles) if one is not None]
             # no misfit is white: what is white in the residuals is noise
             size = max(*shown, noise.white, problem.pixels[i][m] / np.sqrt(12.0), problem.floor)

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from crawler_model import CrawlerError, Identification, Measurements, Scene, excite, identify, simulate
-from crawler_model.identify.fit.fit import fit_from
+from crawler_model.identify.fit.fit import Fit, fit_from
+from crawler_model.identify.fit.misfit import measure_misfit
 from crawler_model.identify.fit.problem import Problem
 from crawler_model.identify.fit.space import build_space
 from crawler_model.identify.judge.verdicts import find_structure
@@ -528,18 +529,24 @@ def test_held_out_rows_that_depend_on_a_bound_are_no_misfit() -> None:
     assert found.model_fits
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.1], ids=["exact", "hidden by noise"])
-@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["ratio", "sum"])
-def test_only_a_common_factor_leaves_a_ratio(sign: float, noise: float) -> None:
-    """Two columns that are opposite: both numbers may be multiplied; two that are equal: one may replace the other."""
+def fit_two_contacts(rate: float) -> tuple[Problem, Fit]:
+    """Fit two frictions of two contacts to 2 s, from the truth."""
     document = chain(2)
-    measured = measure(document, *walk(1, 2.0, 0), noise=1e-3)
+    measured = measure(document, *walk(1, 2.0, 0), noise=1e-3, rate=rate)
     names = ["friction.forward[0]", "friction.forward[1]"]
     replica = Replica(Scene.model_validate(document), measured, names)
     space = build_space(names, replica.start_values, None)
     problem = Problem([replica], [np.ones(measured.time.size, np.bool_)], space, "none", PERFECT)
     fit = fit_from(problem, space.to_coordinates(space.origin), np.zeros(2, np.bool_), tight=True)
     assert fit is not None
+    return problem, fit
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1], ids=["exact", "hidden by noise"])
+@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["ratio", "sum"])
+def test_only_a_common_factor_leaves_a_ratio(sign: float, noise: float) -> None:
+    """Two columns that are opposite: both numbers may be multiplied; two that are equal: one may replace the other."""
+    problem, fit = fit_two_contacts(50.0)
     columns = np.zeros_like(fit.residuals.jacobian)
     columns[:, 0] = 1.0
     columns[:, 1] = sign
@@ -553,3 +560,15 @@ def test_only_a_common_factor_leaves_a_ratio(sign: float, noise: float) -> None:
     else:
         assert not structure.groups
         assert set(structure.weak) == {0, 1}
+
+
+@pytest.mark.parametrize("rate", [200.0])
+def test_what_the_model_misses_while_it_rests_is_no_noise(rate: float) -> None:
+    """Without four cycles, nothing but neighbouring values tells slides that the model misses from noise."""
+    problem, fit = fit_two_contacts(rate)
+    time = problem.replicas[0].measured.time
+    errors = np.stack((1e-3 * np.sin(99.0 * time), 0.2 * np.sin(6.0 * time)), axis=1)
+    rests = np.ones(errors.shape, np.bool_)
+    right, wrong = measure_misfit(problem, dataclasses.replace(fit.residuals, all=(errors,), resting=(rests,)))
+    assert right.ratio < 1.3
+    assert wrong.ratio > 10.0
