@@ -20,7 +20,7 @@ _PHASES = 8
 _PARTS = 24
 _PERIODIC = 0.9
 """Correlation of commands with themselves a period later."""
-_FEWEST = 30
+_FEWEST = 8
 """Rows of a channel, or of a phase, from which a size is computed."""
 
 

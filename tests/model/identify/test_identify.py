@@ -562,7 +562,7 @@ def test_only_a_common_factor_leaves_a_ratio(sign: float, noise: float) -> None:
         assert set(structure.weak) == {0, 1}
 
 
-@pytest.mark.parametrize("rate", [200.0])
+@pytest.mark.parametrize("rate", [8.0, 200.0])
 def test_what_the_model_misses_while_it_rests_is_no_noise(rate: float) -> None:
     """Without four cycles, nothing but neighbouring values tells slides that the model misses from noise."""
     problem, fit = fit_two_contacts(rate)
