@@ -21,14 +21,17 @@ _FIRM = 300.0
 _MUCH = np.log(10.0)
 
 
-def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, dict[bool, tuple[float, str]]]:
+def find_bounds(
+    problem: Problem, fit: Fit, unseen: set[int], weak: set[int]
+) -> dict[int, dict[bool, tuple[float, str]]]:
     """Find least and largest values of parameters without effect on the motion, as friction held and springs moved.
 
     A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
-    without effect are.
+    without effect are, and those that are not determined.
 
     Args:
         unseen: these parameters.
+        weak: those that are not determined.
 
     Returns:
         For each parameter, by whether it is a lower bound, the bound [unit of the scene's key], and when what did not
@@ -36,7 +39,7 @@ def find_bounds(problem: Problem, fit: Fit, unseen: set[int]) -> dict[int, dict[
     """
     space = problem.space
     values = space.to_values(fit.unknowns[: space.origin.size])
-    raised = _raise_others(problem, fit, unseen)
+    raised = _raise_others(problem, fit, unseen, weak)
     found: dict[int, dict[bool, tuple[float, str]]] = {}
     for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
         if space.low[p] < limit.value < space.high[p] or not at_least:
@@ -76,14 +79,21 @@ def release(problem: Problem, fit: Fit) -> Fit:
     return fit
 
 
-def _raise_others(problem: Problem, fit: Fit, unseen: set[int]) -> np.ndarray:
-    """Multiply positive parameters without effect on the motion, because others could hold in the place of one."""
+def _raise_others(problem: Problem, fit: Fit, unseen: set[int], weak: set[int]) -> np.ndarray:
+    """Multiply positive parameters as far as it fits as well, because others could hold in the place of one."""
     count = problem.space.origin.size
     unknowns = fit.unknowns.copy()
     high = problem.bounds[1][:count]
     for p in unseen:
         if problem.space.logarithmic[p]:
             unknowns[p] = min(unknowns[p] + _MUCH, high[p])
+    origin = problem.space.to_coordinates(problem.space.origin)
+    for p in sorted(p for p in weak if problem.space.logarithmic[p]):
+        moved = unknowns.copy()
+        moved[p] = min(max(moved[p], origin[p]) + _MUCH, high[p])
+        now = problem.compute(moved)
+        if now is not None and now.cost <= fit.cost + _CHI_SQUARE:
+            unknowns = moved
     return unknowns
 
 

@@ -263,7 +263,7 @@ def judge(
     count = space.origin.size
     coordinates = fit.unknowns[:count]
     values = space.to_values(coordinates)
-    bounds = find_bounds(problem, fit, structure.unseen)
+    bounds = find_bounds(problem, fit, structure.unseen, set(structure.weak))
     low, high = (v[:count] for v in problem.bounds)
     parameters = []
     for p, name in enumerate(space.names):
