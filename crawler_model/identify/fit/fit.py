@@ -27,6 +27,8 @@ AGREE = 2
 """Unrelated starts that end at the best minimum until it is taken for the global one."""
 _FITS, _NEARLY = 1.1, 1.5
 """Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
+_CLEAR = 15.0
+"""Decrease of the sum of squares, in units of its mean, that noise does not explain."""
 _REFITS = (3, 2)
 _TRIES = 40
 """Evaluations for each start."""
@@ -205,8 +207,12 @@ def find_fit(
             ends += [] if family == "kick" else [(costs[-1], family)]  # it is related to the best
             same = {family for cost, family in ends if cost <= best.cost * (1.0 + _SAME_MINIMUM)}
             size = _find_size(coarse, best)
-            if size <= _FITS or (len(same) >= AGREE and size <= _NEARLY):
+            # that of the scene's values may be lower, although the end of the balance fits
+            fits = size <= _FITS and (family != "balance" or seconds == 0.0 or _is_exact(best))
+            if fits or (len(same) >= AGREE and size <= _NEARLY):
                 break
+        if seconds and best is not None and not _is_exact(best):
+            best = _slide_held(coarse, best, costs)
     except KeyboardInterrupt:
         if best is None:
             raise
@@ -218,6 +224,21 @@ def find_fit(
     fit = _refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
     reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
     return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
+
+
+def _is_exact(fit: Fit) -> bool:
+    """Tell whether the residuals are rounding."""
+    return fit.cost < _EXACT * fit.residuals.fitted.size
+
+
+def _slide_held(problem: Problem, best: Fit, costs: list[float]) -> Fit:
+    """Let each contact slide that never does in a fit, and choose the lowest minimum; append the sums of squares."""
+    for start in reach_held(problem, best.unknowns, best.residuals.jacobian):
+        found = fit_from(problem, start, np.zeros(problem.count, np.bool_), tight=False, most=_TRIES)
+        costs.append(np.inf if found is None else found.cost)
+        if found is not None and found.cost < best.cost * (1.0 - _CLEAR / best.residuals.fitted.size):
+            best = found
+    return best
 
 
 def _find_size(problem: Problem, fit: Fit) -> float:

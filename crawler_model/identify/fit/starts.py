@@ -27,8 +27,8 @@ _INSIDE = 0.03
 def generate_starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[str, np.ndarray | None]]:
     """Generate starts without end, each with what it is related to.
 
-    These are the balance of forces, neighbours of it, the scene's values, then in turn two moves of the best fit so
-    far, and a draw, every second one improved by the balance.
+    These are the balance of forces, the scene's values, neighbours of the balance, then in turn two moves of the best
+    fit so far, and a draw, every second one improved by the balance.
 
     Yields:
         What the start is related to, and its unknowns, shape (U,); None for a move of the best fit, "kick", and where
@@ -40,10 +40,11 @@ def generate_starts(problem: Problem, rng: np.random.Generator) -> Iterator[tupl
     first = estimate(known, problem.space, problem.space.origin, problem.sensor, False) if complete else None
     if first is not None:
         yield "balance", _start_at(problem, *first)
+    yield "scene", problem.unknowns(problem.space.origin)
+    if first is not None:
         for step in _NEIGHBOURS:
             values = np.where(problem.space.logarithmic, first[0] * np.exp(step), first[0])
             yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), first[1])
-    yield "scene", problem.unknowns(problem.space.origin)
     earlier = [] if first is None else [problem.space.to_coordinates(first[0])]
     for k in itertools.count():
         yield from (("kick", None), ("kick", None))
