@@ -11,13 +11,15 @@ import numpy as np
 from ...compiled import compiled, inner, lean
 from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
-from .frame import assign, friction_of, load_of, norm, unwind, yaw_of
+from .frame import assign, friction_of, load_of, norm, span, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, resistance
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .stage import solve_stage
 from .walk import command_at, work_of
 
 _MOST_STEPS = 20000
+COLLAPSED = 1e-3
+"""Where a link is shorter than this part of its reference length, no equilibrium is looked for any more."""
 _NUDGE = 1e-6
 """An unstable equilibrium is left by a displacement of this part of the shortest link."""
 _STILL = 1e-11
@@ -81,6 +83,16 @@ def _keep_path(frame, command, x, base, force, path):
             path[i, 0] = path[i, 1] = 0.0
 
 
+@lean
+def _shrinks(frame, x):
+    """Determine whether a link has all but shrunk to a point."""
+    for k in range(frame.links):
+        e0, e1 = span(frame, x, frame.points[k, 0], frame.points[k, 1])
+        if norm(e0, e1) < COLLAPSED * frame.rest[k]:
+            return True
+    return False
+
+
 @compiled
 def jump(frame, state, target, part, moved, account):
     """Move to another equilibrium at a place of a ramp.
@@ -128,6 +140,8 @@ def jump(frame, state, target, part, moved, account):
         pulled += loads
         _keep_path(frame, now, start, base, force, path)
         assign(base, start)
+        if _shrinks(frame, base):
+            break
         still = longest <= _STILL * frame.shortest
         if still and eta <= max(_SOFT, least):
             if _nudge(frame, now, base, path, start):

@@ -18,7 +18,7 @@ from ..state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT,
 from .elastic import pull, strain
 from .frame import Frame, build_frame
 from .friction import measure_margins
-from .jump import jump
+from .jump import COLLAPSED, jump
 from .ramp import LENGTH, MARGIN, PLACE, follow_ramp, force_step
 from .translation import is_held
 
@@ -33,8 +33,6 @@ _FAR = 1024.0
 """Displacements of more sizes of the body lose digits."""
 _AHEAD = 1e-6
 """Part of a ramp by which commands go on where the body jumps."""
-_COLLAPSED = 1e-3
-"""Where no equilibrium is found and a link is shorter than this part of its reference length, it is the cause."""
 _NEARER, _CONTINUOUS = 16.0, 8.0
 """Commands that go on by a part so much shorter move a body that slides on by so much less at least; one that buckles
 moves by the square root of that, one that falls as far."""
@@ -319,7 +317,7 @@ class PlaneMotion:
         why = "no equilibrium was found"
         if self.body.turning is not None:
             lengths = self.frame.rest[: self.body.springs]
-            for link in np.flatnonzero(state.shape[: self.body.springs] < (_COLLAPSED - 1.0) * lengths)[:1]:
+            for link in np.flatnonzero(state.shape[: self.body.springs] < (COLLAPSED - 1.0) * lengths)[:1]:
                 why = f"link_{link} shrinks to a point, for want of a rest length > 0,"
         return f"command: {why} at {100.0 * place:.4g} % of the ramp"
 
