@@ -44,8 +44,10 @@ class Incidents:
     Attributes:
         refused: number of refused command messages.
         refusals: the refused messages by reason, in the order of the first of each.
-        dropped: number of accepted command rows that were dropped because no equilibrium holds their loads.
-        held: number of ticks whose commands were refused because nothing would hold the body where they lead.
+        dropped: number of accepted command rows that were dropped because no equilibrium holds their loads, or the
+            frictions of a point do not fit together.
+        held: number of ticks whose commands were refused because nothing would hold the body where they lead, or a body
+            that turns cannot follow them.
         lost: number of command messages that did not arrive.
         late: number of late ticks.
         first_late: simulated time of the first late tick [s]; None when there was none, or it was not recorded.
@@ -76,9 +78,10 @@ class Incidents:
             why = f": {refusal.why}" if refusal.why else ""
             lines.append(f"{refusal.count} message(s) refused on {refusal.topic}{when}{why}")
         if self.dropped:
-            lines.append(f"{self.dropped} command row(s) dropped: no equilibrium holds their loads")
+            why = "no equilibrium holds their loads, or the frictions of a point do not fit together"
+            lines.append(f"{self.dropped} command row(s) dropped: {why}")
         if self.held:
-            lines.append(f"the commands of {self.held} tick(s) refused: nothing would hold the body")
+            lines.append(f"the commands of {self.held} tick(s) refused: the body could not follow them")
         if self.lost:
             lines.append(f"{self.lost} command message(s) lost on the way to the simulator")
         if self.late:
@@ -136,8 +139,8 @@ def find_incidents(nodes: Mapping[str, Parts], namespace: str) -> Incidents | No
     return Incidents(
         refused=_count(commands, "refused"),
         refusals=_refusals(commands),
-        dropped=_count(commands, "dropped because no equilibrium holds their loads"),
-        held=_count(simulation, "ticks refused because nothing would hold the body"),
+        dropped=sum(_counts(commands, "dropped because ")),
+        held=max(_counts(simulation | commands, "ticks refused")),  # one count, in older recordings with a reason
         lost=_count(commands, "lost"),
         late=_count(simulation, "late ticks"),
         first_late=_number(simulation, "first late tick at [s]"),
@@ -163,6 +166,11 @@ def _refusals(commands: Mapping[str, str]) -> tuple[Refusal, ...]:
 def _count(entries: Mapping[str, str], key: str) -> int:
     value = entries.get(key, "0")
     return int(value) if value.isdigit() else 0
+
+
+def _counts(entries: Mapping[str, str], start: str) -> list[int]:
+    """Read all entries whose keys have the same start, and 0 for none."""
+    return [0, *(_count(entries, key) for key in entries if key.startswith(start))]
 
 
 def _number(entries: Mapping[str, str], key: str) -> float | None:

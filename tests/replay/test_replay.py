@@ -19,6 +19,7 @@ from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag import BagError
 from crawler_ros.recording.bag_writer import BagWriter
+from crawler_ros.recording.incidents import find_incidents
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.show.report import print_replay
@@ -600,6 +601,24 @@ def test_refusals_of_recordings_without_reasons_are_counted_by_topic(tmp_path):
         "1 message(s) refused on load_controller/commands",
         "1 command message(s) lost on the way to the simulator",
         "4 late tick(s)",
+    ]
+
+
+@pytest.mark.parametrize("why", ["nothing would hold the body", "stability would be lost"])
+@pytest.mark.parametrize("counted", [{}, {"ticks refused": "25"}])
+@pytest.mark.parametrize(
+    "dropped", ["no equilibrium holds their loads", "the frictions of a point do not fit together"]
+)
+def test_refused_ticks_and_dropped_rows_are_told_whatever_their_reason(why, counted, dropped):
+    parts = {
+        "simulation": {"ticks": "100", f"ticks refused because {why}": "25"},
+        "commands": {f"dropped because {dropped}": "5", **counted},
+    }
+    found = find_incidents({"crawler": parts}, "/")
+    assert (found.held, found.dropped) == (25, 5)
+    assert found.explain() == [
+        "5 command row(s) dropped: no equilibrium holds their loads, or the frictions of a point do not fit together",
+        "the commands of 25 tick(s) refused: the body could not follow them",
     ]
 
 
