@@ -20,7 +20,7 @@ class Counts:
         unsolved: ticks that were not solved.
         jumps: jumps on patches of ground, or of a body that turns and loses its stability.
         jump_loss: energy lost in them [J].
-        unheld: ticks that were refused because nothing would hold the body.
+        unheld: ticks that were refused because nothing would hold the body, or a body that turns found no equilibrium.
         stability: least stability margin of a body that turns [1].
     """
 

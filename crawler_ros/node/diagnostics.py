@@ -119,7 +119,7 @@ def _stability(node: Diagnosed) -> list[tuple[str, str]]:
         ("least stability margin", f"{node.counts.stability:.6g}"),
         ("jumps where stability was lost", str(node.counts.jumps)),
         ("energy lost in jumps [J]", f"{node.counts.jump_loss:.3e}"),
-        ("ticks refused because stability would be lost", str(node.counts.unheld)),
+        ("ticks refused because no stable equilibrium was found", str(node.counts.unheld)),
     ]
 
 

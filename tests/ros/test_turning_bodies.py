@@ -195,7 +195,7 @@ def test_a_body_that_must_not_jump_rests_and_the_node_goes_on(ros, tmp_path):
     simulator = ros.simulator(f"scene:={scene}", "lock_step:=true", hear=("joint_states", "/diagnostics"))
     for _ in press(ros, 10):
         pass
-    refused = "ticks refused because stability would be lost"
+    refused = "ticks refused because no stable equilibrium was found"
     wait_until(lambda: value(ros, "simulation", refused) not in ("", "0"), what="the refused ticks")
     assert "the commands of a tick are refused: command: at" in simulator.said
     assert value(ros, "simulation", "jumps where stability was lost") == "0"
