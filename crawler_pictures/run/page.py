@@ -12,7 +12,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.orientation import shape_orientation
 
-from ..colors import ACTUATION, BACK, FORWARD, TENSION, TEXT
+from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
 from ..numbers import label_values, shorten
 from .arrays import Commands, RunArrays
@@ -225,6 +225,12 @@ def _translation(axis: Axes, run: RunArrays) -> None:
     for start, end in run.rests:
         axis.axvspan(start, end, color="#e8e4d8", linewidth=0.0, zorder=0)
     handles += [Patch(facecolor="#e8e4d8", label="at rest")] * bool(len(run.rests))
+    times = [jump.time for jump in run.jumps if run.planar]
+    if times:
+        marks: Any = {"color": JUMP, "marker": "D", "markersize": 4.5, "linestyle": "none"}
+        axis.plot(times, np.zeros(len(times)), transform=axis.get_xaxis_transform(), clip_on=False, zorder=4, **marks)
+        count = "1 jump" if len(times) == 1 else f"{len(times)} jumps"
+        handles.append(Line2D([], [], label=f"{count} where stability was lost", **marks))
     label_values(axis, "translation" if y.shape[1] == 1 else "x, y", "m", _size(run))
     write_title(axis, "net translation, from the reference shape")
     if handles:

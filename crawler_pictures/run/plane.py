@@ -52,8 +52,9 @@ def draw_plane(
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.12)
     axis.set(xlabel="x [m]", ylabel="y [m]")
-    which = f"arrows: the {drawn} longest of {count} slips" if drawn else f"{count} slips, all too short for arrows"
-    which = f"all {count} slips" if drawn == count else which
+    slips = f"{count or 'no'} slip{'s' * (count > 1)}"
+    which = f"arrows: the {drawn} longest of {slips}" if drawn else f"{slips}, too short for arrows"
+    which = f"{'all ' * (count > 1)}{slips}" if drawn == count else which
     write_title(axis, f"from above; {which}")
     place_legend(
         axis,

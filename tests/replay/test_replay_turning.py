@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import load_scene, simulate
+from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.replay import analyse
 from crawler_ros.wire.messages import OdometryMessage
@@ -135,3 +135,32 @@ def test_points_that_do_not_touch_the_ground_neither_slip_nor_have_a_margin(tmp_
     assert np.abs(np.sum(gained, axis=0) - (pieces[-1].position[-1] - scene.body.position)).max() < 1e-12
     assert found.margins.least > 0.01
     assert found.standstill.commanded_until == pytest.approx(1.5)
+
+
+def test_jumps_are_marked_on_the_page_and_move_a_body_without_slips(tmp_path, monkeypatch):
+    """An arch on two feet that snaps through and back; its middle does not touch the ground."""
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    document = {
+        "name": "arch",
+        "dimension": 2,
+        "body": {
+            "points": [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]],
+            "springs": "length",
+            "links": {"stiffness": 20.0},
+            "joints": {"stiffness": 0.1},
+        },
+        "friction": {"isotropic": [50.0, 0.0, 50.0]},
+        "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0, 0, 0], [0, 0, 2.0], [0, 0, 0]]},
+    }
+    path = record(tmp_path / "bag", Scene.model_validate(document), 1, wait=0.0, rate=RATE)
+    kept: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    said = crawler("replay", path, "--png", tmp_path / "page.png").stdout
+    assert "slips: none\n" in said
+    assert "2 jump(s) where stability was lost" in said
+    words = [text.get_text() for text in kept[0].findobj(Text)]
+    assert "2 jumps where stability was lost" in words
+    assert "from above; 1 slip, too short for arrows" in words

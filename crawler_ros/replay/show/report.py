@@ -108,7 +108,9 @@ def _print_slips(replay: Replay, screen: Console) -> None:
     slips = replay.slips
     if slips.contact.size == 0:
         inside = bool((replay.table.forward + replay.table.backward).any())
-        screen.print(f"slips: none{' of contacts and ends of segments' if inside else ', as nothing moved'}")
+        still = bool((replay.table.shape == replay.table.shape[:1]).all())
+        why = " of contacts and ends of segments" if inside else ", as nothing moved" if still else ""
+        screen.print(f"slips: none{why}")
         return
     planar = replay.table.net_translation.shape[1] == 2
     directions = ((None, "slips"),) if planar else ((1.0, "forward"), (-1.0, "back"))
@@ -122,7 +124,8 @@ def _print_slips(replay: Replay, screen: Console) -> None:
                 texts.append(f"{rows.sum()} {word} ({slips.distance[rows].sum():.6g} m in {length:.4g} s)")
         parts.append(f"{replay.stations[contact].removeprefix('contact_')}: {', '.join(texts)}")
     more = np.unique(slips.contact).size - len(parts)
-    screen.print(f"{slips.contact.size} slips; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
+    count = "1 slip" if slips.contact.size == 1 else f"{slips.contact.size} slips"
+    screen.print(f"{count}; contact " + "; ".join(parts) + (f"; {more} more" if more > 0 else ""))
 
 
 def _print_jumps(replay: Replay, screen: Console) -> None:
