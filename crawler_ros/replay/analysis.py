@@ -50,6 +50,7 @@ class Replay:
             if it started at the scene's start.
         table: one row per ramp.
         contacts: names of the shown contacts.
+        whole: whether the motion of all contacts is known; `joint_states` alone shows the first one.
         stations: names of the stations of the slips: isolated contacts, then both ends of each segment.
         cycles: the cycles in order.
         cycle_source: "drive", "recurrence" or "none".
@@ -74,6 +75,7 @@ class Replay:
     fitted_ns: int | None
     table: RampTable
     contacts: tuple[str, ...]
+    whole: bool
     stations: tuple[str, ...]
     cycles: tuple[Cycle, ...]
     cycle_source: str
@@ -211,7 +213,7 @@ def analyse(
     known = compared is not None
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
-    whole = known or robot.recorded("contact_states") in survey.topics  # joint_states alone shows one contact
+    whole = known or robot.recorded("contact_states") in survey.topics
     standstill = find_standstill(table, survey, robot) if whole else None
     return Replay(
         path=path,
@@ -226,6 +228,7 @@ def analyse(
         fitted_ns=fitted,
         table=table,
         contacts=contacts,
+        whole=whole,
         stations=stations,
         cycles=cycles,
         cycle_source=source,

@@ -83,6 +83,13 @@ def test_without_poses_nothing_is_known_of_the_yaw(bag, tmp_path):
     assert "turned" not in found.as_plain()["cycles"][0]
 
 
+def test_slips_of_joint_states_alone_are_those_of_the_first_contact(bag, tmp_path):
+    start = lambda name, stamp, data: [(name, stamp, data)] * (name == "joint_states" and stamp == 0)  # noqa: E731
+    said = crawler("replay", bare(bag, tmp_path / "bare", start)).stdout
+    assert "slips: known of the first contact alone, as contact_states was not recorded\nslips: none\n" in said
+    assert "the first contact alone" not in crawler("replay", bag).stdout
+
+
 @pytest.mark.parametrize(
     ("name", "periods", "cut", "left_out"),
     [("scissors", 9, 7.0, ()), ("scissors", 9, 7.0, ("contact_states",)), ("three_link_snake", 2, 0.5, ())],

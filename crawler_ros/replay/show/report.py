@@ -106,10 +106,12 @@ def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
 
 def _print_slips(replay: Replay, screen: Console) -> None:
     slips = replay.slips
+    if not replay.whole:
+        screen.print("slips: known of the first contact alone, as contact_states was not recorded")
     if slips.contact.size == 0:
         inside = bool((replay.table.forward + replay.table.backward).any())
         still = bool((replay.table.shape == replay.table.shape[:1]).all())
-        why = " of contacts and ends of segments" if inside else ", as nothing moved" if still else ""
+        why = " of contacts and ends of segments" if inside else ", as nothing moved" if still and replay.whole else ""
         screen.print(f"slips: none{why}")
         return
     planar = replay.table.net_translation.shape[1] == 2
