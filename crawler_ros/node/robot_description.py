@@ -27,6 +27,8 @@ _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
 _REACH = 1e3
 """Limits of the prismatic joints in body lengths; URDF requires limits, and nothing enforces them."""
+_TURN = 2.0 * np.pi
+"""Limits of the revolute joints, those of commanded angles [rad]."""
 _EFFORT = 1e9
 """Limit of the force of joints without limits of tension [N]."""
 
@@ -96,7 +98,7 @@ def _add_turning(
         if branch.joint < 0:
             kind, limits = (next(free), "continuous"), dict[str, str]()
         else:
-            kind, limits = (names[springs + branch.joint], "revolute"), {"lower": _text(-np.pi), "upper": _text(np.pi)}
+            kind, limits = (names[springs + branch.joint], "revolute"), {"lower": _text(-_TURN), "upper": _text(_TURN)}
         turn = np.zeros(3), branch.heading
         joint = _add_joint(robot, kind, (parent, start), turn, (0.0, 0.0, branch.sign))
         ET.SubElement(joint, "limit", {**limits, "effort": _text(_EFFORT), "velocity": "1e9"})
