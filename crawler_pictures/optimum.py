@@ -57,7 +57,7 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         above, below = left.subfigures(2, 1)
         _draw_commands(above, run, shown)
         view, names = right.subplots(), list(run.contacts)
-        draw_plane(view, run.positions[shown], run.state[shown], run.net_translation[shown], run.ends, names)
+        draw_plane(view, run.positions[shown], run.state[shown], run.mean[shown], run.ends, names)
         make_room(view)
         _draw_profiles(below.subplots(), optimum, units)
     else:

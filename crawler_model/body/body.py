@@ -141,13 +141,14 @@ class Body:
     @functools.cached_property
     def element_ends(self) -> np.ndarray:
         """Indices of the two contacts of each element of all segments, shape (P, 2)."""
-        first = [np.arange(s.first, s.last) for s in self.segments]
-        left = np.concatenate([np.zeros(0, np.int64), *first])
+        left = np.concatenate([np.zeros(0, np.int64), *(np.arange(s.first, s.last) for s in self.segments)])
         return np.column_stack((left, left + 1))
 
     @property
     def station_share(self) -> np.ndarray:
         """Weight of each station in an estimate of the net translation from stations alone; exact without segments."""
+        if self.turning is not None:  # not all of its points touch the ground
+            return self.share
         parts = self.isolated.size + len(self.segments)
         return np.array([1.0] * self.isolated.size + [0.5] * 2 * len(self.segments)) / parts
 

@@ -77,6 +77,7 @@ class RunArrays:
         jumps: jumps on patches of ground.
         scene: the scene, for its ground and its friction in the plane; None when it is not known.
         force: of springs and loads on each contact in the plane, shape (T, N, 2) [N]; None when it is not known.
+        share: weight of each contact in the net translation, shape (N,); None when it is not known.
     """
 
     title: str
@@ -100,11 +101,18 @@ class RunArrays:
     jumps: Sequence[TimedJump] = ()
     scene: Plan | None = None
     force: np.ndarray | None = None
+    share: np.ndarray | None = None
 
     @property
     def planar(self) -> bool:
         """Whether the body moves in the plane."""
         return self.positions.ndim == 3
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Path of the mean of the body, which begins at that of all contacts if their weights are not known [m]."""
+        start = np.average(self.positions[0], axis=0, weights=self.share)
+        return np.asarray(start + self.net_translation - self.net_translation[0])
 
 
 def planar_forces(scene: Plan, tension: np.ndarray, rows: np.ndarray) -> np.ndarray | None:

@@ -152,7 +152,7 @@ def _constants(run: RunArrays) -> list[str]:
 
 def _draw_above(part: Any, run: RunArrays, narrow: bool) -> None:
     left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
-    draw_plane(left, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
+    draw_plane(left, run.positions, run.state, run.mean, run.ends, list(run.contacts))
     if narrow:
         make_room(left)
     if right is not None:

@@ -21,7 +21,7 @@ _SHORTEST = 0.02
 
 
 def draw_plane(
-    axis: Axes, positions: ArrayLike, state: ArrayLike, net_translation: ArrayLike, ends: ArrayLike, names: list[str]
+    axis: Axes, positions: ArrayLike, state: ArrayLike, mean: np.ndarray, ends: ArrayLike, names: list[str]
 ) -> None:
     """Draw the paths of all contacts and of the mean of the body, with an arrow for each slip.
 
@@ -29,14 +29,13 @@ def draw_plane(
         axis: axes to draw on: m over m, of equal scale.
         positions: shape (T, N, 2) [m].
         state: 1 sliding from the sample before to this one, 0 stuck, shape (T, N).
-        net_translation: shape (T, 2) [m].
+        mean: of the body, shape (T, 2) [m].
         ends: the two contacts of each link, shape (J, 2).
         names: names of the contacts.
     """
     from matplotlib.lines import Line2D
 
     place, moving = np.asarray(positions), np.asarray(state) != 0
-    mean = place[0].mean(axis=0) + np.asarray(net_translation) - np.asarray(net_translation)[0]
     for row, color, width in ((0, "#c4c4c4", 1.4), (-1, "#505050", 2.0)):
         for a, b in np.asarray(ends):
             axis.plot(*place[row, [a, b]].T, color=color, linewidth=width, zorder=1)

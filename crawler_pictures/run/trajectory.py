@@ -59,6 +59,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         jumps=run.jumps,
         scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
         force=None if turns else planar_forces(scene, run.tension, rows),
+        share=body.share,
     )
 
 

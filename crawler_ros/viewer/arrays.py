@@ -85,4 +85,5 @@ def run_of_frames(scene: Scene, frames: Sequence[Frame]) -> RunArrays:
         commands=sort_commands(scene.columns, np.array([f.row for f in frames])),
         jumps=[jump for frame in frames for jump in frame.jumps],
         scene=None if body.turning is not None else scene,  # its friction has no fixed directions to draw
+        share=film.share,
     )

@@ -24,6 +24,7 @@ from crawler_model import Crawler, CrawlerError, load_scene, simulate
 from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
 from crawler_pictures.film.film import film_of_run
 from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.trajectory import read_trajectory
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, thin
@@ -36,10 +37,17 @@ from ..sockets import addresses
 
 GREEN, RED, GREY = rgb(FORWARD), rgb(BACK), STICK
 RENDERER = any(Path("/usr/share/vulkan/icd.d").glob("*.json")) if Path("/usr/share/vulkan/icd.d").is_dir() else False
+ARCH = """
+name: arch
+dimension: 2
+body: {points: [[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]], springs: length, links: {stiffness: 20.0}}
+friction: {isotropic: [0.1, 0.0, 0.2]}
+drive: {times: [0.0, 1.0, 2.0], actuation: [[0.0, 0.0], [0.1, 0.1], [0.0, 0.1]]}
+"""
 needs_renderer = pytest.mark.skipif(not RENDERER, reason="no Vulkan driver here (Debian: mesa-vulkan-drivers)")
 
 
-def frames(name: str, seconds: float = 2.0) -> list[Frame]:
+def frames(name: str | Path, seconds: float = 2.0) -> list[Frame]:
     scene = load_scene(name)
     crawler = Crawler(scene)
     made = []
@@ -49,7 +57,7 @@ def frames(name: str, seconds: float = 2.0) -> list[Frame]:
     return made
 
 
-def draw(name: str, path: Path, seconds: float = 2.0) -> Path:
+def draw(name: str | Path, path: Path, seconds: float = 2.0) -> Path:
     drawing = Drawing(load_scene(name), to_file(path))
     for frame in thin(frames(name, seconds)):
         drawing.draw(frame)
@@ -135,6 +143,24 @@ def test_thinning_keeps_short_slips():
     assert len(kept) == 11
     slips = {i for f in every for i in np.flatnonzero(f.state)}
     assert {i for f in kept for i in np.flatnonzero(f.state)} == slips
+
+
+def test_points_that_do_not_touch_the_ground_do_not_count_in_what_is_drawn(tmp_path):
+    (tmp_path / "arch.yaml").write_text(ARCH)
+    scene = load_scene(tmp_path / "arch.yaml")
+    run = simulate(scene, 2.0)
+    place = scene.body.share @ scene.body.position
+    for drawn in (run_of_frames(scene, frames(tmp_path / "arch.yaml")), read_trajectory(run)):
+        assert drawn.net_translation == pytest.approx(run.net_translation, abs=1e-9)
+        assert drawn.mean == pytest.approx(place + run.net_translation, abs=1e-9)
+    rrd = draw(tmp_path / "arch.yaml", tmp_path / "x.rrd")
+    ends = [
+        column(rrd, entity, part)[-1]
+        for entity, part in (("/net_translation", "scalars"), ("/world/mean", "positions"))
+    ]
+    assert ends[0] == pytest.approx(run.net_translation[-1], abs=1e-7)
+    assert ends[1][0] == pytest.approx((place + run.net_translation[-1]) * (1.0, -1.0), abs=1e-6)
+    assert np.abs(scene.body.position.mean(axis=0) - place).max() > 0.05
 
 
 @pytest.mark.parametrize("name", ["two_anchor_a", "three_contacts_two_ways", "ten_contact_wave"])

@@ -183,7 +183,7 @@ def test_an_angle_that_is_rounding_is_zero(monkeypatch):
 def test_no_name_of_a_contact_lies_on_a_link():
     run = read_trajectory(simulate(star(), 3.0))
     figure, axis = plt.subplots(figsize=(7.0, 5.0))
-    draw_plane(axis, run.positions, run.state, run.net_translation, run.ends, list(run.contacts))
+    draw_plane(axis, run.positions, run.state, run.mean, run.ends, list(run.contacts))
     figure.canvas.draw()
     part = np.linspace(0.0, 1.0, 200)[:, None]
     links = [run.positions[-1, a] + part * (run.positions[-1, b] - run.positions[-1, a]) for a, b in run.ends]

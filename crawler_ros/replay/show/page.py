@@ -78,6 +78,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         jumps=samples.jumps,
         scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
         force=None if scene is None or turns else planar_forces(scene, tension, samples.get("command")),
+        share=None if scene is None else scene.body.share[shown_contacts(scene.body)],
     )
 
 
