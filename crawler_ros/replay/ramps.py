@@ -158,6 +158,11 @@ class RampTable:
         return bool(np.isfinite(self.yaw).any())
 
     @property
+    def turned(self) -> float | None:
+        """Angle by which the body turned in the first run between resets [rad]; None where the yaw is not known."""
+        return float(self.yaw[self.run == 0][-1] - self.yaw[0]) if self.turns else None
+
+    @property
     def size(self) -> float:
         """The largest length in the ramps, against which rounding is judged [m]."""
         return max(self.shape_size, float(np.abs(self.net_translation).max(initial=0.0)))

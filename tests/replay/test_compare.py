@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
-from crawler_ros.replay.show.compare import compare_all, print_comparison
-from crawler_ros.replay.show.compare_page import draw_comparison
+from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
+from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
+from crawler_ros.replay.show.walks import draw_walks, print_walks, walk_of_recording
 
 from ..commands import crawler
 from ..recordings import record
@@ -80,6 +83,33 @@ def test_the_figure_is_drawn_of_bodies_in_the_plane(tmp_path):
     draw_comparison(found, tmp_path / "x.png")
     assert (tmp_path / "x.png").stat().st_size > 20_000
     json.dumps(found.as_plain(), allow_nan=False)
+
+
+def test_what_a_body_gains_to_the_left_and_turns_is_shown(tmp_path, monkeypatch, capsys):
+    path = record(tmp_path / "star", "tripedal_star", 2, rate=10.0)
+    found, kept = compare_all([path, path])[0], []
+    table, cycles = found.first.table, found.first.cycles
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    draw_comparison(found, tmp_path / "x.png")
+    draw_all([found, found], tmp_path / "x.png")
+    for figure in kept:
+        drawn = [line.get_ydata() for line in figure.axes[0].lines[:2]]
+        assert np.array_equal(np.array(drawn).T, table.net_translation - table.net_translation[0])
+    left = [cycle.translation[1] for cycle in cycles]
+    assert any(list(line.get_ydata()) == left for line in kept[0].axes[1].lines)
+    print_comparison(found, Screen(width=200))
+    print_all([found, found], Screen(width=200))
+    text = capsys.readouterr().out
+    (row,) = (line for line in text.splitlines() if "turned in cycle 2, rad" in line)
+    assert float(row.split("│")[2]) == pytest.approx(cycles[1].turned, abs=1e-6)
+    assert cycles[1].turned > 0.2
+    assert text.count(f"{table.yaw[-1] - table.yaw[0]:.6f}".rstrip("0")) == 5
+    walk = walk_of_recording("star", found.first)
+    draw_walks([walk, walk], tmp_path / "x.png")
+    assert [len(axis.lines) for axis in kept[2].axes] == [4, 4]
+    assert walk.as_plain()["turned"] == [cycle.turned for cycle in cycles]
+    print_walks([walk, walk], Screen(width=200))
+    assert "turned [rad]" in capsys.readouterr().out
 
 
 def test_what_was_set_up_differently_is_told(pair, capsys):

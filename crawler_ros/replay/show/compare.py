@@ -21,6 +21,8 @@ from ..cycle_table import Cycle
 from ..cycles import ROUNDING
 
 _MOST_SHOWN = 8
+_TURN = 1e-6
+"""Error of an angle [rad]."""
 _OVERLAP = 0.9
 """Part of the longer of two cycles that both have to share to be compared."""
 _RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps"}
@@ -286,9 +288,12 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         table.add_row(f"cycle {number}: translation, m", *(write_length(v, size) for v in (*pair, gain)))
     if len(found.translation) > _MOST_SHOWN:
         table.add_row(f"({len(found.translation) - _MOST_SHOWN} more)", "", "", "")
-    if found.pairs and found.energy is not None:
-        last = one.cycles[found.pairs[-1][0]], two.cycles[found.pairs[-1][1]]
-        works = [cycle.energy.work for cycle in last if cycle.energy is not None]
+    last = [(one.cycles[a], two.cycles[b]) for a, b in found.pairs][-1:]
+    for cycle, other in last:
+        _add_angles(table, f"turned in cycle {found.pairs[-1][0] + 1}", cycle.turned, other.turned)
+    _add_angles(table, "turned", one.table.turned, two.table.turned)
+    if last and found.energy is not None:
+        works = [cycle.energy.work for cycle in last[0] if cycle.energy is not None]
         table.add_row(
             f"work in cycle {found.pairs[-1][0] + 1}, J", *(f"{v:.6g}" for v in (*works, works[1] - works[0]))
         )
@@ -305,6 +310,12 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
     screen.print(table)
 
 
+def _add_angles(table: Table, what: str, a: float | None, b: float | None) -> None:
+    """Add a row of angles by which two bodies turned, if they do and it is known."""
+    if a is not None and b is not None:
+        table.add_row(f"{what}, rad", *(write_length(angle, 1.0, _TURN) for angle in (a, b, b - a)))
+
+
 def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     """Print comparisons of several runs with the first of them, a row each.
 
@@ -314,12 +325,15 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     """
     first = found[0].first
     title = f"{len(found) + 1} runs, each compared with {first.path.name}"
-    columns = ("commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]", "work [J]")
-    numbers = (Column(name, justify="right") for name in (*columns, "cycles paired"))
+    runs = [first, *(compared.second for compared in found)]
+    turns = any(run.table.turned is not None for run in runs)
+    columns = ["commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]"]
+    columns += [*["turned [rad]"] * turns, "work [J]", "cycles paired"]
+    numbers = (Column(name, justify="right") for name in columns)
     table = Table(Column("run", no_wrap=True), *numbers, title=title, title_justify="left")
-    size = max(run.table.size for run in (first, *(c.second for c in found)))
-    for run, compared in ((first, None), *((c.second, c) for c in found)):
-        y = run.table.net_translation
+    size = max(run.table.size for run in runs)
+    for run, compared in zip(runs, (None, *found), strict=True):
+        y, angle = run.table.net_translation, run.table.turned
         row = [run.path.name, "", "", ""]
         if compared is not None:
             row[1:] = [
@@ -329,7 +343,8 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
             ]
         work = "" if run.energy is None else f"{run.energy.work:.6g}"
         paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
-        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", work, paired)
+        turned = [] if not turns else ["" if angle is None else write_length(angle, 1.0, _TURN)]
+        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", *turned, work, paired)
     screen.print(table)
     for compared in found:
         if compared.unpaired:

@@ -45,7 +45,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
     for when, axis in ((found.motion_differs, axes[0, 0]), (found.commands_differ, axes[1, 0])):
         if when is not None:
             axis.axvline(when, color=GREY, linewidth=0.8, linestyle="--")
-    write_title(axes[0, 0], "net translation; dashed: first difference")
+    write_title(axes[0, 0], f"net translation{_explain(runs)}; dashed: first difference")
     label_values(axes[1, 0], "dissipation", "J", energy)
     write_title(axes[1, 0], "dissipated energy; dashed: first difference of the commands")
     axes[1, 0].set_xlabel("simulated time [s]")
@@ -57,21 +57,26 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
     """Draw the translation of the cycles of two runs at their times, and the sums of their slips."""
     size = max(run.table.size for run in runs)
     for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
-        gained = np.array([np.atleast_1d(c.translation)[0] for c in run.cycles])
-        gained = np.where(np.abs(gained) > ROUNDING * size, gained, 0.0)
+        each = np.array([np.atleast_1d(c.translation) for c in run.cycles]).reshape(len(run.cycles), -1)
+        gained, *across = np.where(np.abs(each) > ROUNDING * size, each, 0.0).T if run.cycles else [np.zeros(0)]
         middle = np.array([0.5 * (c.start + c.end) for c in run.cycles])
         length = np.array([c.end - c.start for c in run.cycles])
         if gained.size <= _MOST_BARS:
             axes[0].bar(middle, gained, width=(0.84, 0.42)[k] * length, color=color)
         else:
             axes[0].plot(middle, gained, color=color, linewidth=1.2)
+        for y in across:
+            axes[0].plot(middle, y, "kD", markerfacecolor=color, markersize=(6, 4)[k])
         slips = [sum(getattr(c, f"slip_{way}") for c in run.cycles) for way in ("forward", "backward")]
         forward, back = (v if v > ROUNDING * size else 0.0 for v in slips)
         axes[1].bar([k - 0.2, k + 0.2], [forward, -back], width=0.36, color=[FORWARD, BACK])
     for axis in axes:
         axis.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     label_values(axes[0], "gained", "m", size)
-    write_title(axes[0], "translation of each cycle, at its time")
+    way = ", at its time"
+    if _explain(runs):
+        way = ": bars ahead, diamonds to the left" if runs[0].turns else ": bars x, diamonds y"
+    write_title(axes[0], f"translation of each cycle{way}")
     axes[0].set_xlabel("simulated time [s]")
     axes[1].set_xticks([0, 1], ["A", "B"])
     label_values(axes[1], "slip", "m", size)
@@ -79,13 +84,20 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
 
 
 def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str], colors: Sequence[str]) -> None:
-    """Draw the net translation of the first run of each recording between resets, from its start."""
+    """Draw the net translation of the first run of each recording between resets, from its start; y is thin."""
     for run, label, color in zip(runs, labels, colors, strict=True):
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
-        time, y = run.table.end_ns[rows] / NS, run.table.net_translation[rows, 0]
-        axis.plot(time, y - y[0], color=color, linewidth=1.6, label=label)
+        time, (x, *across) = run.table.end_ns[rows] / NS, run.table.net_translation[rows].T
+        axis.plot(time, x - x[0], color=color, linewidth=1.6, label=label)
+        for y in across:
+            axis.plot(time, y - y[0], color=color, linewidth=0.8)
     label_values(axis, "net translation", "m", max(run.table.size for run in runs))
+
+
+def _explain(runs: Sequence[Replay]) -> str:
+    """Explain the lines of runs in the plane."""
+    return " (thick: x, thin: y)" if any(run.table.net_translation.shape[1] == 2 for run in runs) else ""
 
 
 def draw_all(found: Sequence[RunComparison], png: Path) -> None:
@@ -104,14 +116,18 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     left, right = figure.subplots(1, 2)
     _draw_translations(left, runs, [run.path.name for run in runs], colors)
     left.set_xlabel("simulated time [s]")
-    write_title(left, f"net translation of {len(runs)} runs" + ("" if few else f"; black: {runs[0].path.name}"))
+    write_title(
+        left, f"net translation of {len(runs)} runs{_explain(runs)}" + ("" if few else f"; black: {runs[0].path.name}")
+    )
     size = max(run.table.size for run in runs)
     y = [run.table.net_translation for run in runs]
-    total = np.array([v[-1, 0] - v[0, 0] if len(v) else 0.0 for v in y])
-    total = np.where(np.abs(total) > ROUNDING * size, total, 0.0)
-    right.barh(np.arange(len(runs)), total, color=colors, height=0.7)
+    for k, (color, v) in enumerate(zip(colors, y, strict=True)):
+        total = v[-1] - v[0] if len(v) else np.zeros(v.shape[1])
+        total = np.where(np.abs(total) > ROUNDING * size, total, 0.0)
+        right.barh(k, total[0], color=color, height=0.7)
+        right.plot(total[1:], [k] * total[1:].size, "kD", markersize=4)
     right.set_yticks(np.arange(len(runs)), [run.path.name for run in runs], fontsize=8)
     right.invert_yaxis()
     right.axvline(0.0, color="#9a9a9a", linewidth=0.8)
-    right.set_xlabel("net translation in all [m]")
+    right.set_xlabel("net translation in all [m]" + ("; bars: x, diamonds: y" if _explain(runs) else ""))
     figure.savefig(png, dpi=110)

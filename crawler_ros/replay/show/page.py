@@ -94,11 +94,10 @@ def _notes(replay: Replay) -> tuple[str, ...]:
 def _describe_turning(replay: Replay) -> list[str]:
     """Describe how a body that turns turned, and its gain in the last cycle."""
     table, cycles = replay.table, replay.cycles
-    if not table.turns:
+    if table.turned is None:
         return []
-    last = int((table.run == 0).sum()) - 1
     shown = "" if replay.comparison is None else "; tensions are those of the links"
-    found = [f"turned by {table.yaw[last] - table.yaw[0]:.6g} rad{shown}"]
+    found = [f"turned by {table.turned:.6g} rad{shown}"]
     if cycles and cycles[-1].turned is not None:
         dx, dy = np.atleast_1d(cycles[-1].translation)
         turned = f"turned by {cycles[-1].turned:.6g} rad"

@@ -37,9 +37,10 @@ class Walk:
         work: work of the actuators in each cycle, shape (C,); NaN where it is not known [J].
         dissipation: energy lost to friction in each cycle, likewise [J].
         phase: cycles since the first one, at all samples, shape (T,).
-        y: net translation since then along x, shape (T,) [m].
+        y: net translation since then, shape (T, D) [m].
         size: size of the numbers from which lengths were computed [m].
         error: error of lengths in the plane [m]; 0 on a line.
+        turned: angle by which the body turned in each cycle, shape (C,) [rad]; None if it does not or is not known.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Walk:
     y: np.ndarray
     size: float
     error: float
+    turned: np.ndarray | None = None
 
     @property
     def cycle_s(self) -> float:
@@ -71,6 +73,7 @@ class Walk:
             "starts": self.starts.tolist(),
             "ends": self.ends.tolist(),
             "translation": (self.gains[:, 0] if self.gains.shape[1] == 1 else self.gains).tolist(),
+            **({} if self.turned is None else {"turned": self.turned.tolist()}),
             "work": [None if np.isnan(v) else v for v in self.work.tolist()],
             "dissipation": [None if np.isnan(v) else v for v in self.dissipation.tolist()],
         }
@@ -102,8 +105,9 @@ def walk_of_scene(name: str, scene: Scene) -> Walk:
     )
     edges = period * np.arange(count + 1)
     size = float(np.abs(run.displacement).max()) + float(np.abs(drive.actuation).max())
-    phase, y = run.time / period, y[:, 0] - y[0, 0]
-    return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y, size, error_of(scene))
+    phase, error = run.time / period, error_of(scene)
+    turned = None if scene.body.turning is None else np.diff(run.yaw[every])
+    return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y - y[0], size, error, turned)
 
 
 def walk_of_recording(name: str, found: Replay) -> Walk:
@@ -123,9 +127,10 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
     if not cycles:
         raise CrawlerError(f"{name}: the commands of the recording do not repeat; a comparison needs cycles")
     starts, ends = (np.array([getattr(cycle, which) for cycle in cycles]) for which in ("start", "end"))
-    time, y = found.table.end_ns / NS, found.table.net_translation[:, 0]
+    time, y = found.table.end_ns / NS, found.table.net_translation
     shown = (found.table.run == 0) & (time >= starts[0]) & (time <= ends[-1])
-    time, y = np.append(starts[0], time[shown]), np.append(np.interp(starts[0], time, y), y[shown])
+    start = [np.interp(starts[0], time, part) for part in y.T]
+    time, y = np.append(starts[0], time[shown]), np.vstack((start, y[shown]))
     work, lost = (
         np.array([np.nan if cycle.energy is None else getattr(cycle.energy, part) for cycle in cycles])
         for part in ("work", "dissipation")
@@ -142,6 +147,7 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
         y=y - y[0],
         size=found.table.size,
         error=0.0 if found.scene is None else error_of(found.scene),
+        turned=None if cycles[0].turned is None else np.array([cycle.turned for cycle in cycles]),
     )
 
 
@@ -170,7 +176,9 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
     """
     first = walks[0]
     title = f"the last cycle of each run; difference from {first.name}"
-    columns = ("cycles", "cycle [s]", "translation [m]", "difference [m]", "speed [m/s]", "work [J]", "dissipation [J]")
+    turns = any(walk.turned is not None for walk in walks)
+    columns = ["cycles", "cycle [s]", "translation [m]", *["turned [rad]"] * turns, "difference [m]", "speed [m/s]"]
+    columns += ["work [J]", "dissipation [J]"]
     table = Table("run", *(Column(name, justify="right") for name in columns), title=title, title_justify="left")
     size = max(walk.size for walk in walks)
     for walk in walks:
@@ -180,11 +188,13 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
             "" if np.isnan(part[-1]) else write_energy(float(part[-1]), abs(float(walk.work[-1])))
             for part in (walk.work, walk.dissipation)
         ]
+        turned = [] if not turns else ["" if walk.turned is None else write_length(walk.turned[-1], 1.0, 1e-6)]
         table.add_row(
             walk.name,
             str(walk.starts.size),
             f"{cycle:.6g}",
             write_length(gain, size, walk.error),
+            *turned,
             write_length(gain - first.gains[-1], size) if alike else "",
             ", ".join(f"{v:.6g}" for v in np.where(np.abs(gain) > ROUNDING * size, gain, 0.0) / cycle),
             *energies,
@@ -225,15 +235,17 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
     for k, walk in enumerate(walks):
         color = LINES[k % len(LINES)]
         style: Literal["-", "--"] = "-" if k < len(LINES) else "--"
-        thin = slice(None, None, max(walk.y.size // _MOST_POINTS, 1))
-        left.plot(walk.phase[thin], walk.y[thin], color=color, linestyle=style, linewidth=1.6)
-        right.plot(
-            np.arange(walk.starts.size) + 1, walk.gains[:, 0], color=color, linestyle=style, marker="o", markersize=3
-        )
+        some = slice(None, None, max(walk.phase.size // _MOST_POINTS, 1))
+        number = np.arange(walk.starts.size) + 1
+        for y, gained, width, marker in zip(walk.y.T, walk.gains.T, (1.6, 0.8), "oD", strict=False):
+            left.plot(walk.phase[some], y[some], color=color, linestyle=style, linewidth=width)
+            right.plot(number, gained, color=color, linestyle=style, linewidth=width, marker=marker, markersize=3)
         handles.append(Line2D([], [], color=color, linestyle=style, linewidth=1.6, label=walk.name))
+    thin = "; thick: x, thin: y" if any(walk.gains.shape[1] == 2 for walk in walks) else ""
+    thin_gain = "; thick: ahead, thin: to the left" if any(walk.turned is not None for walk in walks) else thin
     for axis, what, title in (
-        (left, "net translation", "net translation since the first cycle"),
-        (right, "gained", "translation of each cycle"),
+        (left, "net translation", f"net translation since the first cycle{thin}"),
+        (right, "gained", f"translation of each cycle{thin_gain}"),
     ):
         label_values(axis, what, "m", size)
         axis.set_xlabel("cycles of the drive")
