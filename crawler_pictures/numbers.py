@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
     from crawler_model.body.plan import Plan
 
+_ANGLE = 1e-6
+"""Error of an angle [rad]."""
 ROUNDING = 1e-12
 """Numbers below this fraction of the size of what they were computed from are rounding."""
 _PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
@@ -28,6 +30,18 @@ def shorten(text: str, most: int = 60) -> str:
         The text; a longer one ends in an ellipsis.
     """
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def write_angle(angle: float) -> str:
+    """Write an angle by which a body turned.
+
+    Args:
+        angle: the angle [rad].
+
+    Returns:
+        The text, with the digits that the tolerance of a run stands behind.
+    """
+    return write_length(angle, 1.0, _ANGLE)
 
 
 def write_length(value: Any, size: float, error: float = 0.0) -> str:

@@ -13,7 +13,7 @@ from rich.table import Column, Table
 
 from crawler_model import Scene
 from crawler_model.body.drive import NS
-from crawler_pictures.numbers import write_length
+from crawler_pictures.numbers import write_angle, write_length
 
 from ...recording.bag import BagError
 from ..analysis import Replay, analyse
@@ -21,8 +21,6 @@ from ..cycle_table import Cycle
 from ..cycles import ROUNDING
 
 _MOST_SHOWN = 8
-_TURN = 1e-6
-"""Error of an angle [rad]."""
 _OVERLAP = 0.9
 """Part of the longer of two cycles that both have to share to be compared."""
 _RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps"}
@@ -313,7 +311,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
 def _add_angles(table: Table, what: str, a: float | None, b: float | None) -> None:
     """Add a row of angles by which two bodies turned, if they do and it is known."""
     if a is not None and b is not None:
-        table.add_row(f"{what}, rad", *(write_length(angle, 1.0, _TURN) for angle in (a, b, b - a)))
+        table.add_row(f"{what}, rad", *(write_angle(angle) for angle in (a, b, b - a)))
 
 
 def print_all(found: Sequence[RunComparison], screen: Console) -> None:
@@ -343,7 +341,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
             ]
         work = "" if run.energy is None else f"{run.energy.work:.6g}"
         paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
-        turned = [] if not turns else ["" if angle is None else write_length(angle, 1.0, _TURN)]
+        turned = [] if not turns else ["" if angle is None else write_angle(angle)]
         table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", *turned, work, paired)
     screen.print(table)
     for compared in found:

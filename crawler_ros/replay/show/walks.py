@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from crawler_model import CrawlerError, Scene, simulate
 from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
-from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_energy, write_length
+from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
 
 from ..analysis import Replay
@@ -188,7 +188,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
             "" if np.isnan(part[-1]) else write_energy(float(part[-1]), abs(float(walk.work[-1])))
             for part in (walk.work, walk.dissipation)
         ]
-        turned = [] if not turns else ["" if walk.turned is None else write_length(walk.turned[-1], 1.0, 1e-6)]
+        turned = [] if not turns else ["" if walk.turned is None else write_angle(walk.turned[-1])]
         table.add_row(
             walk.name,
             str(walk.starts.size),
