@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -107,9 +108,18 @@ def test_what_a_body_gains_to_the_left_and_turns_is_shown(tmp_path, monkeypatch,
     walk = walk_of_recording("star", found.first)
     draw_walks([walk, walk], tmp_path / "x.png")
     assert [len(axis.lines) for axis in kept[2].axes] == [4, 4]
-    assert walk.as_plain()["turned"] == [cycle.turned for cycle in cycles]
+    assert walk.as_plain()["turned"] == found.as_plain()["runs"][1]["turned"] == [cycle.turned for cycle in cycles]
     print_walks([walk, walk], Screen(width=200))
     assert "turned [rad]" in capsys.readouterr().out
+
+
+def test_cycles_after_a_reset_are_not_drawn_over_those_before_it(pair, tmp_path, monkeypatch):
+    found, kept = compare_all(pair)[0], []
+    again = [replace(cycle, run=1) for cycle in found.first.cycles]
+    found = replace(found, first=replace(found.first, cycles=[*found.first.cycles, *again]))
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    draw_comparison(found, tmp_path / "x.png")
+    assert len(kept[0].axes[1].patches) == 3 + 3
 
 
 def test_what_was_set_up_differently_is_told(pair, capsys):

@@ -67,6 +67,7 @@ class RunComparison:
                 "scene": None if run.scene is None else run.scene.name,
                 "simulated_s": run.seconds,
                 "cycles": [cycle.as_plain()["translation"] for cycle in run.cycles],
+                **({"turned": [cycle.turned for cycle in run.cycles]} if run.table.turns else {}),
                 "energy": None if run.energy is None else asdict(run.energy),
                 "slips": int(run.slips.contact.size),
                 "healthy": run.healthy,

@@ -34,7 +34,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
     runs = (found.first, found.second)
     labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
     _draw_translations(axes[0, 0], runs, labels, _COLORS)
-    axes[0, 0].legend(loc="upper left", frameon=False, fontsize=8)  # below the title: names of recordings are long
+    axes[0, 0].legend(loc="best", frameon=False, fontsize=8)  # below the title: names of recordings are long
     energy = 0.0
     for run, color in zip(runs, _COLORS, strict=True):
         if run.energy is not None:
@@ -54,13 +54,14 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
 
 
 def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
-    """Draw the translation of the cycles of two runs at their times, and the sums of their slips."""
+    """Draw the translation of the cycles of two runs at their times, before any reset, and the sums of all slips."""
     size = max(run.table.size for run in runs)
     for k, (run, color) in enumerate(zip(runs, _COLORS, strict=True)):
-        each = np.array([np.atleast_1d(c.translation) for c in run.cycles]).reshape(len(run.cycles), -1)
-        gained, *across = np.where(np.abs(each) > ROUNDING * size, each, 0.0).T if run.cycles else [np.zeros(0)]
-        middle = np.array([0.5 * (c.start + c.end) for c in run.cycles])
-        length = np.array([c.end - c.start for c in run.cycles])
+        cycles = [c for c in run.cycles if c.run == 0]
+        each = np.array([np.atleast_1d(c.translation) for c in cycles]).reshape(len(cycles), -1)
+        gained, *across = np.where(np.abs(each) > ROUNDING * size, each, 0.0).T if cycles else [np.zeros(0)]
+        middle = np.array([0.5 * (c.start + c.end) for c in cycles])
+        length = np.array([c.end - c.start for c in cycles])
         if gained.size <= _MOST_BARS:
             axes[0].bar(middle, gained, width=(0.84, 0.42)[k] * length, color=color)
         else:

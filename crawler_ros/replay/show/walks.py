@@ -250,6 +250,6 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
         label_values(axis, what, "m", size)
         axis.set_xlabel("cycles of the drive")
         write_title(axis, title)
-    left.legend(handles=handles, loc="upper left", frameon=False, fontsize=8)
+    left.legend(handles=handles, loc="best", frameon=False, fontsize=8)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.savefig(png, dpi=110)
