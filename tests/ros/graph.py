@@ -187,11 +187,17 @@ class Graph:
 
     def close(self) -> None:
         with ExitStack() as stack:  # all of it, whatever goes wrong
+            stack.callback(self._print)
             stack.callback(self._leave)
             for process in self.processes:
                 stack.callback(process.end)
             for process in self.processes:
                 process.ask_to_end()
+    def _print(self) -> None:
+        """Print what pytest shows where a test fails."""
+        for process in self.processes:
+            print(f"{process.log.name}, status {process.process.poll()}:\n{process.said}")
+        print("heard:", {name: len(messages) for name, messages in self.heard.items()})
 
     def _leave(self) -> None:
         self._stop.set()
