@@ -27,8 +27,8 @@ AGREE = 2
 """Unrelated starts that end at the best minimum until it is taken for the global one."""
 _FITS, _NEARLY = 1.1, 1.5
 """Residuals of at most this many times the noise are noise; or nearly, if unrelated starts agree."""
-_CLEAR = 15.0
-"""Decrease of the sum of squares, in units of its mean, that noise does not explain."""
+_CLEAR = 100.0
+"""Decrease of the sum of squares, in units of its mean, that neither noise nor the rounding of pixels explains."""
 _REFITS = (3, 2)
 _TRIES = 40
 """Evaluations for each start."""
