@@ -54,10 +54,14 @@ def count_ticks(end_ns: int, rate: Fraction) -> int:
     return -(-end_ns * rate.numerator // (NS * rate.denominator))
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating))
+
+
 def _write(value: float) -> str:
-    """Write a number; an integer may be beyond all floats."""
+    """Write what was given: an integer may be beyond all floats, and it may be no number."""
     try:
-        return f"{float(value):g}"
+        return f"{float(value):g}" if _is_number(value) else repr(value)
     except OverflowError:
         return f"an integer of {int(value).bit_length()} bits"
 
@@ -74,8 +78,8 @@ def check_duration(seconds: float) -> float:
     Raises:
         CommandError: if it is out of range.
     """
-    if not 0.0 <= seconds < 9e9:
-        raise CommandError(f"duration: {_write(seconds)} s; it must be between 0 and 9e9")
+    if not _is_number(seconds) or not 0.0 <= seconds < 9e9:
+        raise CommandError(f"duration: {_write(seconds)} s; it must be a number between 0 and 9e9")
     return float(seconds)
 
 
@@ -91,10 +95,8 @@ def rational_rate(rate: float) -> Fraction:
     Raises:
         CommandError: if it is out of range.
     """
-    is_number = isinstance(rate, (int, float, np.integer, np.floating))
-    if not is_number or not 1e-9 <= rate <= 1e9:
-        given = _write(rate) if is_number else repr(rate)
-        raise CommandError(f"rate: {given} Hz; it must be a number between 1e-9 and 1e9")
+    if not _is_number(rate) or not 1e-9 <= rate <= 1e9:
+        raise CommandError(f"rate: {_write(rate)} Hz; it must be a number between 1e-9 and 1e9")
     exact = Fraction(float(rate))
     near = exact.limit_denominator(10**6)
     return near if abs(near - exact) <= exact / 10**12 else exact

@@ -209,9 +209,9 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
     now = refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld
     before, node.reported_commands = node.reported_commands, now
     level, news = OK, []
-    unheld = "no equilibrium holds their loads"
-    if node.scene.body.turning is not None and not node.scene.columns.loads:
-        unheld = "the frictions of a point do not fit together"
+    reasons = ["no equilibrium holds their loads", "the frictions of a point do not fit together"]
+    turns = node.scene.body.turning is not None
+    unheld = ", or ".join(reasons[turns and not node.scene.columns.loads : 1 + turns])
     if node.counts.unheld > before[4]:
         news.append(f"the commands of {node.counts.unheld - before[4]} tick(s) refused")
     if node.commands.unheld > before[3]:

@@ -193,6 +193,7 @@ class Graph:
                 stack.callback(process.end)
             for process in self.processes:
                 process.ask_to_end()
+
     def _print(self) -> None:
         """Print what pytest shows where a test fails."""
         for process in self.processes:

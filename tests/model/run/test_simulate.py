@@ -28,11 +28,14 @@ def test_a_rate_is_read_as_it_was_meant(rate):
 
 
 @pytest.mark.parametrize("name", ["rate", "duration"])
-def test_an_integer_beyond_all_floats_is_one_line(name):
+@pytest.mark.parametrize(
+    ("value", "written"), [(10**400, "an integer of 1329 bits"), ("3", "'3'"), ([3.0], r"\[3.0\]")]
+)
+def test_what_is_no_number_or_beyond_all_floats_is_one_line(name, value, written):
     scene, given, said = (
         load_scene("three_contacts_one_way"),
-        {name: 10**400},
-        f"^{name}: an integer of 1329 bits .* must be .* and .*e9$",
+        {name: value},
+        f"^{name}: {written} .* must be .* and .*e9$",
     )
     with pytest.raises(CommandError, match=said):
         simulate(scene, **given)
