@@ -144,11 +144,15 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self.lanes.observations.copy(), self._info(which) | self._drawn_info(which)
 
     def _read_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None or isinstance(seed, (int, np.integer)):
-            return [None if seed is None else int(seed) + m for m in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise CrawlerError(f"seed: {len(seed)} seeds for {self.num_envs} environments; give one, or one for each")
-        return list(seed)
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [int(seed) + m for m in range(self.num_envs)] if isinstance(seed, (int, np.integer)) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise CrawlerError(f"seed: {len(seeds)} seeds for {self.num_envs} environments; give one, or one for each")
+        for one in seeds:
+            if one is not None and not (isinstance(one, (int, np.integer)) and one >= 0):
+                raise CrawlerError(f"seed: {one!r}; it must be an integer from 0 on, or None to go on")
+        return [one if one is None else int(one) for one in seeds]
 
     def _read_mask(self, mask: Any) -> np.ndarray:
         fits = isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,) and mask.dtype == np.bool_
@@ -191,10 +195,11 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Raises:
             CommandError: if the actions have the wrong shape, or are not finite; no state changes.
-            CrawlerError: if no episode has begun, or one has ended that is not begun anew.
+            CrawlerError: if no episode has begun, one has ended that is not begun anew, or `close` was called.
         """
-        if not self._begun:
-            raise CrawlerError("step: no episode has begun; call reset first")
+        if not self._begun or self.closed:
+            why = "the environments are closed" if self.closed else "no episode has begun; call reset first"
+            raise CrawlerError(f"step: {why}")
         lanes = self.lanes
         lanes.actions[:] = read_action(actions, self._shape)
         if find_bad(lanes.actions) >= 0:

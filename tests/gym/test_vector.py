@@ -164,6 +164,9 @@ def test_wrong_seeds_and_masks_are_one_clear_line():
     env = make(3)
     with pytest.raises(CrawlerError, match="seed: 2 seeds for 3 environments; give one, or one for each"):
         env.reset(seed=[1, 2])
+    for wrong in ([1, 2, "x"], [1, 2, -3], "abc"):
+        with pytest.raises(CrawlerError, match=r"seed: .*; it must be an integer from 0 on, or None to go on"):
+            env.reset(seed=wrong)
     with pytest.raises(CrawlerError, match="reset_mask before any episode has begun"):
         env.reset(options={"reset_mask": np.array([True, False, False])})
     env.reset(seed=[1, 2, 3])
@@ -171,6 +174,15 @@ def test_wrong_seeds_and_masks_are_one_clear_line():
         env.reset(options={"reset_mask": np.zeros(3, bool)})
     with pytest.raises(CrawlerError, match="reset all environments with them once"):
         env.reset(options={"reset_mask": np.array([True, False, False]), "delay": 3})
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_step_after_the_end_is_one_clear_line(threads):
+    env = make(2, threads=threads)
+    env.reset(seed=0)
+    env.close()
+    with pytest.raises(CrawlerError, match="step: the environments are closed"):
+        env.step(np.zeros((2, 2)))
 
 
 @pytest.mark.parametrize("mask", [None, np.array([False, True, True])])
