@@ -168,7 +168,7 @@ def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None =
         for block in read_file(file, contents, done):
             bag._keep(contents)
             bag._number(contents, numbers)
-            found += block.channel.size
+            found += int(np.isin(block.channel, list(contents.channels)).sum())
             yield block if part == 0 else _renumbered(block, numbers)
         bag._keep(contents)
         bag.damaged += contents.damaged

@@ -34,6 +34,8 @@ _MOST_DEFINITIONS = 1 << 17
 """Records of schemas and channels that are read of one file; there are 65 536 numbers of each."""
 _BLOCK_BYTES = 1 << 20
 _RECORD = struct.Struct("<BQ")
+_MAGIC_BYTES = 8
+_FOOTER_BYTES = _RECORD.size + 20 + _MAGIC_BYTES
 
 
 class BagError(CrawlerError):
@@ -113,7 +115,10 @@ def read_file(file: Path, contents: Contents, progress: Callable[[float], None] 
     room = most = max(ALWAYS_EXPANDED, MOST_EXPANSION * size)
     pending = bytearray()
     with file.open("rb") as stream:
-        for record in _records(stream):
+        for record in _records(stream, _find_summary(stream, size)):  # the first chunk has them, too: it may be damaged
+            if isinstance(record, Schema | Channel):
+                contents.add(record)
+        for record in _records(stream, _MAGIC_BYTES):
             if isinstance(record, Chunk):
                 data = _expand(record)
                 room -= len(data)
@@ -155,12 +160,18 @@ _READERS: dict[int, Callable[[ReadDataStream], Any]] = {
 }
 
 
-def _records(stream: IO[bytes]) -> Iterator[Any]:
-    """Read top-level records, without opening chunks, up to the first incomplete or damaged one.
+def _find_summary(stream: IO[bytes], size: int) -> int:
+    """Find where the summary of a file begins, or return its size where it has none."""
+    footer = next(_records(stream, max(size - _FOOTER_BYTES, 0)), None)
+    return footer.summary_start if isinstance(footer, Footer) and footer.summary_start else size
+
+
+def _records(stream: IO[bytes], first: int) -> Iterator[Any]:
+    """Read top-level records from a place on, without opening chunks, up to the first incomplete or damaged one.
 
     Message indices are skipped: to read them takes longer than to read the messages.
     """
-    stream.seek(8)  # the magic
+    stream.seek(first)
     while True:
         head = stream.read(_RECORD.size)
         if len(head) < _RECORD.size:

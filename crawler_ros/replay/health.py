@@ -146,9 +146,10 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
                 space = topic.removesuffix(name).rstrip("/") or "/"
                 found.setdefault(space, robot_in(space))
     names = ", ".join(sorted(found))
+    damaged = f"; {survey.damaged} damaged chunk(s) cannot be read" if survey.damaged else ""
     if not survey.topics:
-        hint = "" if survey.complete else "; its end is missing, and no message before it can be read"
-        raise bag.BagError(f"{survey.path}: the recording has no messages{hint}")
+        missing = "" if survey.complete or damaged else "; its end is missing, and no message before it can be read"
+        raise bag.BagError(f"{survey.path}: the recording has no messages{missing}{damaged}")
     if namespace is not None:
         wanted = f"/{namespace.strip('/')}"
         if wanted in found:
@@ -160,7 +161,7 @@ def choose_robot(survey: Survey, namespace: str | None) -> Robot:
         more = f" and {len(listed) - 4} more" if len(listed) > 4 else ""
         raise bag.BagError(
             f"{survey.path}: no crawler in this recording: its topics are neither applied_commands nor "
-            f"joint_states but {', '.join(listed[:4])}{more}"
+            f"joint_states but {', '.join(listed[:4])}{more}{damaged}"
         )
     if len(found) > 1:
         raise bag.BagError(f"{survey.path}: {len(found)} robots; choose one with --namespace {names}")
