@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from crawler_model import CommandError, Crawler, Scene, SceneError, Trajectory, simulate
+from crawler_model import CommandError, Crawler, Scene, SceneError, Trajectory, parse_scene, simulate
 from crawler_model.body.columns import Columns
 from crawler_model.body.turning import SIDES
 from crawler_model.crawler.readout import Readout
@@ -49,7 +50,8 @@ def write_scene(session: Session) -> Scene:
     kept = np.concatenate(([True], moves[:-1] | moves[1:], [True]))
     document = scene.document()
     document["name"] = f"{scene.name}_by_hand"
-    document["drive"] = _write_drive(scene.columns, times_ns[kept] / 1e9, rows[kept])
+    commanded = {"friction", "friction_wave", "loads"} & (document.get("drive") or {}).keys()
+    document["drive"] = _write_drive(scene.columns, times_ns[kept] / 1e9, rows[kept], commanded)
     allowed = _find_tolerance(scene)
     try:
         found = Scene.model_validate(document)
@@ -81,8 +83,8 @@ def _join(session: Session, ticks: Sequence[Tick]) -> tuple[np.ndarray, np.ndarr
     return np.concatenate([[0], *times]), np.vstack([session.ticks[0].rows, *(tick.rows for tick in ticks)])
 
 
-def _write_drive(columns: Columns, times: np.ndarray, rows: np.ndarray) -> dict[str, Any]:
-    """Write waypoints as the keys of a drive."""
+def _write_drive(columns: Columns, times: np.ndarray, rows: np.ndarray, commanded: set[str]) -> dict[str, Any]:
+    """Write waypoints as the keys of a drive; friction and loads if they change or the scene's drive commands them."""
     lengths, frictions, loads = np.split(rows, [columns.lengths, columns.lengths + columns.frictions], axis=1)
     drive: dict[str, Any] = {"times": times.tolist()}
     planar = columns.planar is not None
@@ -90,9 +92,9 @@ def _write_drive(columns: Columns, times: np.ndarray, rows: np.ndarray) -> dict[
         drive["actuation"] = lengths.reshape(times.size, -1, 2).tolist()
     else:
         drive["actuation"] = _merge(columns, lengths, columns.actuation_sizes).tolist()
-    if (frictions != frictions[0]).any():
+    if commanded - {"loads"} or (frictions != frictions[0]).any():
         drive["friction"] = _write_friction(columns, frictions)
-    if loads.size and (loads != loads[0]).any():
+    if "loads" in commanded or (loads != loads[:1]).any():
         drive["loads"] = (loads.reshape(times.size, -1, 2) if planar else loads).tolist()
     return drive
 
@@ -129,12 +131,16 @@ def save_scene(session: Session, file: Path) -> None:
 
     Args:
         session: the session.
-        file: the .yaml file.
+        file: the .yaml file; of a long drive its text is JSON, which is YAML that is read sooner.
     """
-    text = yaml.safe_dump(write_scene(session).document(), sort_keys=False, default_flow_style=None, allow_unicode=True)
-    file.write_text(
-        f"# Made by hand with crawler play; simulate it at {float(session.rate):g} Hz.\n{text}", encoding="utf-8"
-    )
+    document = write_scene(session).document()
+    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    text = f"# Made by hand with crawler play; simulate it at {float(session.rate):g} Hz.\n{text}"
+    try:
+        parse_scene(text)
+    except SceneError:  # so many values are read as JSON only
+        text = json.dumps(document)
+    file.write_text(text, encoding="utf-8")
 
 
 def save_picture(session: Session, file: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import zlib
 from pathlib import Path
 
@@ -160,6 +161,32 @@ def test_a_recording_of_ticks_of_uneven_nanoseconds_replays_to_the_bit(tmp_path)
         session.step()
     KEPT["recording.mcap"](session, tmp_path / "found.mcap")
     assert simulate_again(tmp_path / "found.mcap").identical
+
+
+@pytest.mark.parametrize("name", ["two_anchor_b", "two_anchor_c", "tow"])
+def test_what_the_drive_commands_is_kept_though_it_stayed_as_it_began(name):
+    """The hand moves the link alone, from friction or loads that are not those of the scene but of its drive."""
+    drive = {"times": [0, 1, 2], "period": 2, "actuation": [[0], [0.1], [0]], "loads": [[0.15, 0], [0, 0], [0.15, 0]]}
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}}
+    tow = {"name": "tow", "body": body, "friction": {"forward": 0.2, "backward": 0.8}, "drive": drive}
+    session = Session(Scene.model_validate(tow) if name == "tow" else load_scene(name))
+    session.change({"mode": "hand"})
+    session.change({"set": {"link_0": 0.4}})
+    session.step()
+    found = write_scene(session)
+    assert found.drive.rows[-1].tolist() == session.ticks[-1].rows[-1].tolist()
+    assert found.drive.rows[-1][1:].tolist() == session.scene.drive.rows[0][1:].tolist()
+
+
+def test_a_long_drive_is_kept_as_a_file_that_is_read(tmp_path):
+    session = Session(load_scene("ten_contact_wave"))
+    session.change({"mode": "wave"})
+    for _ in range(6_000):
+        session.step()
+    KEPT["scene.yaml"](session, tmp_path / "long.yaml")
+    found = load_scene(str(tmp_path / "long.yaml"))
+    assert found.drive.times.size > 5_000
+    assert json.loads((tmp_path / "long.yaml").read_text())["name"] == "ten_contact_wave_by_hand"
 
 
 def test_what_cannot_be_kept_is_refused_with_the_reason(tmp_path):
