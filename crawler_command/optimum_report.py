@@ -17,6 +17,8 @@ _STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
 _MOVES = {"turn": "turns to the left", "screw": "comes nearer to the target"}
 _HASTY = 4
 """Reversals of a link in a period: a stroke and its return are two."""
+_AT_REST = 1e-6
+"""A gain below this part of the travel is none."""
 
 
 def describe_optimum(found: Optimum) -> list[str]:
@@ -106,8 +108,10 @@ def _describe_numbers(found: Optimum) -> str:
         end = "periods have not settled, and the gain is that of the last one of the search"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
+    slow = math.isnan(found.cost_of_transport) and abs(found.gain) > _AT_REST * found.travel
+    cost = "none, as its periods settle too slowly" if slow else _number(found.cost_of_transport, 4)
     return (
-        f"gain {found.gain:.6g} m a period, cost of transport {_number(found.cost_of_transport, 4)}, "
+        f"gain {found.gain:.6g} m a period, cost of transport {cost}, "
         f"travel {found.travel:.4g} m, largest tension {found.peak_tension:.4g} N; {end}"
     )
 

@@ -183,10 +183,12 @@ def _draw_map(
     opened[row, column] = (runs.status == "done") & ~runs.unique
     if opened.any() and not opened.all():
         at = np.nonzero(opened)
-        axes.plot(x[at[1]], y[at[0]], ".", color=ACTUATION, ms=2)
+        axes.plot(x[at[1]], y[at[0]], ".", color=ACTUATION, ms=4)
         handles.append(Patch(color=ACTUATION, label="translation not unique"))
     if not np.isfinite(cells).all():
-        handles.append(Patch(color=_INVALID, label="invalid or not run"))
+        done = runs.status[~np.isfinite(gain)] == "done"
+        why = ["no value"] * bool(done.any()) + ["invalid or not run"] * (not done.size or not done.all())
+        handles.append(Patch(color=_INVALID, label=", ".join(why)))
     if handles:
         where: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
         axes.legend(handles=handles, fontsize=8, ncols=2, frameon=False, **where)

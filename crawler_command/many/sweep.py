@@ -173,7 +173,10 @@ def run_sweep(
             with whole_file(sweep.png) as part:
                 units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
-                draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column)
+                try:
+                    draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column)
+                except CrawlerError as error:
+                    raise CrawlerError(f"{error}; the table is written: {sweep.out}") from None
     return runs
 
 

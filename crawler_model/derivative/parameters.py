@@ -115,6 +115,25 @@ def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ..
     return tuple(names)
 
 
+def check_form(scene: Scene, names: Sequence[str], caller: str) -> None:
+    """Check that no key is `isotropic` where the scene gives friction by direction: no number of its own is behind it.
+
+    Args:
+        scene: the scene.
+        names: dotted keys.
+        caller: name of the function, for error messages.
+
+    Raises:
+        SceneError: if one is.
+    """
+    document = scene.document()
+    for name in names:
+        steps = key_steps(name)
+        friction = _look_up(document, steps[: steps.index("isotropic")]) if "isotropic" in steps else None
+        if isinstance(friction, dict) and "forward" in friction:
+            raise SceneError(f"{caller}: {name}; the scene gives {' and '.join(friction)} there, name these")
+
+
 def with_loads(scene: Scene, keys: Sequence[str]) -> Scene:
     """Give a scene without loads the ones that keys of its slope or its loads are about, all zero.
 
@@ -125,9 +144,11 @@ def with_loads(scene: Scene, keys: Sequence[str]) -> Scene:
     Returns:
         The same scene, or an equal one whose commands hold loads.
     """
-    if scene.columns.loads or not any(key_steps(key)[0] in ("loads", "ground") for key in keys if isinstance(key, str)):
+    document = scene.document()
+    has_loads = "loads" in document or "loads" in (document.get("drive") or {})  # a slope that is not 0 brings its own
+    if has_loads or not any(key_steps(key)[0] in ("loads", "ground") for key in keys if isinstance(key, str)):
         return scene
-    return Scene.model_validate(scene.document() | {"loads": 0.0 if scene.dimension == 1 else [0.0, 0.0]})
+    return Scene.model_validate(document | {"loads": 0.0 if scene.dimension == 1 else [0.0, 0.0]})
 
 
 def _look_up(node: Any, steps: Sequence[str]) -> Any:

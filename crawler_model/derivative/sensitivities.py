@@ -21,7 +21,7 @@ from ..run.simulate import default_duration
 from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .parameters import Derivatives, differentiate_arrays, with_loads
+from .parameters import Derivatives, check_form, differentiate_arrays, with_loads
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 
@@ -136,13 +136,14 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number, if the scene has no drive, or has patches of ground.
+        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or has patches of ground.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
     check_differentiable(scene, "sensitivities")
     scene = with_loads(scene, keys)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
+    check_form(scene, derivatives.names, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else check_duration(duration)
     ratio = rational_rate(rate)
     times = seconds * float(ratio) + 1.0

@@ -74,7 +74,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         measure("cost-of-transport", regime),
         regime.travel,
         regime.peak,
-        math.nan if patched else float(limit_cycle(scene, most_periods=most_periods).transient_left),
+        math.nan if patched else _find_transient(scene, regime, most_periods),
         found.found_after_s,
         found.evaluations,
         _gradient_norm(space, point, value),
@@ -99,6 +99,13 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
 def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime | None:
     """Compute the regime of a candidate in the unit box on one scene; None if it cannot be followed."""
     return dataclasses.replace(space, scenes=(unknowns,)).regimes(point[None])[0][0]
+
+
+def _find_transient(scene: Scene, regime: Regime, most_periods: int) -> float:
+    """Estimate how far the gain of a regime is from that of the limit cycle, which follows more periods [m]."""
+    cycle = limit_cycle(scene, most_periods=most_periods)
+    apart = np.subtract(cycle.gain, regime.gain if regime.motion is None else regime.motion)
+    return float(cycle.transient_left + np.linalg.norm(np.atleast_1d(apart)[:2]))
 
 
 def _worst_value(space: Space, point: np.ndarray) -> float:

@@ -26,6 +26,8 @@ from .unknowns import Cycle
 _MOST_PERIODS = 12
 _SETTLED = 0.1
 """Part of the tolerance of the scene within which the gains of periods have to settle."""
+_LITTLE = 1e-2
+"""Part of the gain that may be left of the transient where a gait has a cost of transport."""
 _ROUNDING = 1e-13
 """Gains below this part of the size of the body are rounding."""
 _PEAK_PERIODS, _PEAK_TICKS = 4, 200
@@ -56,7 +58,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
             least = _ROUNDING * largest_distance(body)
             motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.asarray(found.gain))
             gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
-            work, settled = found.work, found.settled
+            work, settled = found.work, found.settled or found.transient_left <= _LITTLE * abs(gain)
     except CommandError:
         return None
     lengths = body.springs if body.turning is not None else body.lengths

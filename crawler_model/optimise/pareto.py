@@ -86,6 +86,7 @@ class Front:
                 {
                     "gain": point.gain,
                     "cost_of_transport": point.cost_of_transport if math.isfinite(point.cost_of_transport) else None,
+                    "unknowns": dict(zip(self.names, point.values.tolist(), strict=True)),
                     "drive": point.scene.document()["drive"],
                 }
                 for point in self.points

@@ -40,7 +40,7 @@ class Regime:
         force: mean over the period of the friction of all contacts, or the weight of the body [N].
         peak: largest tension [N]; NaN if it was not requested.
         speed: fastest change of a rest length [m/s].
-        settled: whether the tensions repeat.
+        settled: whether the tensions repeat, in the plane whether little is left of the transient.
         motion: in the plane dx and dy [m], of a body that turns in its own frame and with dyaw [rad]; None on a line.
     """
 

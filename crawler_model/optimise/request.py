@@ -61,7 +61,7 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     if scene.body.springs == 0:
         raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
     waypoints, stroke, free, period = request.waypoints, request.stroke, request.free or {}, request.period
-    scene = with_loads(scene, tuple(free))
+    scene = with_loads(scene, (*free, *(request.robust or ())))
     given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}
     friction = given.pop("friction", None)
     plays = scene.parts.drive is not None and scene.drive.period is not None

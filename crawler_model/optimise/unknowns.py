@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import Drive
-from ..derivative.parameters import Derivatives, changing_keys, collect_pieces, differentiate_arrays, expand_keys
+from ..derivative.parameters import (
+    Derivatives,
+    changing_keys,
+    check_form,
+    collect_pieces,
+    differentiate_arrays,
+    expand_keys,
+)
 from ..errors import SceneError
 from ..scene.assemble_start import relax_loaded
 from ..scene.assembly import Assembly
@@ -332,11 +339,14 @@ def with_numbers(unknowns: Unknowns, factors: dict[str, float]) -> Unknowns:
         The same unknowns for the other scene.
 
     Raises:
-        SceneError: if a key is unknown, names no number, or leads to an invalid scene.
+        SceneError: if a key is unknown, names no number or nothing but zeros, or leads to an invalid scene.
     """
-    scene, values = unknowns.base, {}
+    scene, values = unknowns.base, dict[str, np.ndarray]()
     for key, factor in factors.items():
-        for name in expand_keys(scene, [key], "robust"):
-            one = Variations(scene, {name: np.zeros(1)}, (1,))
-            values[name] = np.array([one.origin(name) * factor])
+        names = expand_keys(scene, [key], "robust")
+        check_form(scene, names, "robust")
+        origins = {name: Variations(scene, {name: np.zeros(1)}, (1,)).origin(name) for name in names}
+        if not any(origins.values()):
+            raise SceneError(f"robust: {key} is 0, which no factor changes; leave it out")
+        values |= {name: np.array([origin * factor]) for name, origin in origins.items()}
     return dataclasses.replace(unknowns, base=Variations(scene, values, (1,))[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,19 @@ def test_a_column_without_values_is_refused():
     runs = simulate_many(vary(load_scene("two_anchor_a"), {"drive.length": [1.0, 2.0]}), duration=0.5, workers=1)
     with pytest.raises(CrawlerError, match="--plot: no variation has a value of per_period"):
         shown_column(runs, "per_period")
+
+
+def test_a_map_tells_runs_without_a_value_from_those_that_did_not_run(monkeypatch):
+    """Short strokes do not travel, so that there is no cost of transport; a stiffness of 0 is no scene."""
+    axes = {"drive.length": [0.5, 4.0, 6.0], "body.links.stiffness": [0.0, 1.0]}
+    variations, kept, said = vary(load_scene("two_anchor_a"), axes), [], []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
+    runs = simulate_many(variations, duration=3.0, workers=1)
+    runs = (runs, dataclasses.replace(runs, status=np.full(6, "done")))
+    for one in runs:
+        draw_sweep(variations, dict.fromkeys(axes, "m"), [], one, Path("not_written.png"), "cost_of_transport")
+        said += [text.get_text() for text in kept[-1].axes[0].get_legend().get_texts()]
+    assert [text for text in said if "value" in text] == ["no value, invalid or not run", "no value"]
 
 
 def test_jumps_are_steps_that_neither_neighbour_continues():

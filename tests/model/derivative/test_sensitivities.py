@@ -668,3 +668,10 @@ def test_forces_on_edges_of_polygons_have_the_derivatives_of_these_edges() -> No
             np.testing.assert_allclose(found.displacement[smooth, ..., 0], left[smooth], atol=1e-3)
             compared += 1
     assert compared > 30
+
+
+def test_isotropic_is_no_number_of_a_scene_with_friction_by_direction():
+    with pytest.raises(
+        SceneError, match=r"sensitivities: friction\.isotropic; the scene gives forward and backward there"
+    ):
+        sensitivities(load_scene("three_contacts_one_way"), ["friction.isotropic"])

@@ -49,6 +49,27 @@ def test_without_a_cost_of_transport_nothing_is_compared_with_it():
     assert not still.unique
 
 
+def test_of_a_slow_body_the_rest_of_the_transient_is_told_and_does_not_hide_the_cost():
+    """Its tensions change for more than a hundred periods: those of the search end before."""
+    rows = np.zeros((3, 7, 2))
+    rows[1, 0], rows[1, 6], rows[2, 3] = (0.02, 0.0), (0.02, 0.01), (0.02, 0.01)
+    places = [[0.1 * i, 0.02 * (i > 0 and i % 2 == 0)] for i in range(8)]
+    document = {
+        "name": "slow",
+        "dimension": 2,
+        "body": {"contacts": places, "links": {"stiffness": 5.0}},
+        "friction": {"directions": [0.0, 1.5708, 3.1416, 4.7124], "value": [0.02, 0.05, 0.06, 0.05]},
+        "start": "relaxed",
+        "drive": {"times": [0.0, 0.33, 0.66], "period": 1.0, "actuation": rows.tolist()},
+    }
+    scene = Scene.model_validate(document)
+    found = optimise(scene, free={"drive.actuation[1][0][0]": (0.0199, 0.0201)}, seconds=1.0)
+    run = simulate(found.scene, 200.0, 1.0)
+    apart = np.linalg.norm(run.per_period[-1] - np.array(found.motion))
+    assert apart <= found.transient_left + 1e-8 < 1e-5
+    assert found.cost_of_transport == pytest.approx(4.0 / 9.0, rel=1e-3)
+
+
 def test_waypoints_in_the_plane_are_components_of_links():
     best = optimise("planar_rectilinear", waypoints=2, stroke={"link_0/x": (0.0, 0.1)}, seconds=0.5)
     assert best.names == ("drive.actuation[0][0][0]", "drive.actuation[1][0][0]")

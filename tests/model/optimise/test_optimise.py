@@ -206,6 +206,17 @@ def test_robust_counts_the_worst_corner_and_names_the_change_that_stops_the_gait
     assert weakness.above == pytest.approx(STIFFNESS * 0.1 / (2.0 * FORWARD), rel=1e-5)
 
 
+@pytest.mark.parametrize("kind", ["free", "robust"])
+def test_a_slope_may_be_0_beside_others(kind):
+    """Only a slope that is not 0 loads a scene that states no loads."""
+    found = optimise(
+        "slope_climber", waypoints=2, stroke=(0.0, 0.1), seconds=0.5, **{kind: {"ground.slope": (0.0, 1.0)}}
+    )
+    assert simulate(found.scene, 6.0).per_period[-1] == pytest.approx(found.gain, abs=1e-9)
+    if kind == "free":  # downhill is harder for nobody: level ground is the best in this range
+        assert found.values[found.names.index("ground.slope")] == pytest.approx(0.0, abs=1e-9)
+
+
 CASES = {
     "waypoints": (chain(4), {"waypoints": 5, "stroke": (-0.1, 0.1)}),
     "friction too": (chain(3), {"waypoints": 4, "stroke": (0.0, 0.2), "free": {"friction": (0.1, 0.9)}}),
@@ -309,6 +320,7 @@ def test_ctrl_c_before_the_first_gait_of_a_later_search_keeps_the_earlier_ones(m
     front = pareto(chain(2), stroke=(0.0, 0.1), waypoints=2, seconds=1.0)
     assert not front.complete
     assert front.points[0].gain == pytest.approx(0.06)
+    assert front.summary()["front"][0]["unknowns"] == dict(zip(front.names, front.points[0].values, strict=True))
 
 
 def test_goals_put_what_is_outside_of_limits_last():
@@ -345,6 +357,15 @@ WRONG = [
     ({"stroke": (0, 0.1), "free": {"drive.wave.amplitude": (0, 1)}}, "no effect, as the waypoints replace the drive"),
     ({"stroke": (0, 0.1), "robust": {"friction.forward": (1.2, 0.8)}}, "robust: friction.forward: 1.2 to 0.8"),
     ({"stroke": (0, 0.1), "robust": {"friction.forwrd": (0.8, 1.2)}}, "robust: friction.forwrd: unknown key"),
+    (
+        {"stroke": (0, 0.1), "robust": {"loads": (0.5, 2.0)}},
+        "robust: loads is 0, which no factor changes; leave it out",
+    ),
+    ({"stroke": (0, 0.1), "robust": {"ground.slope": (0, 2)}}, "robust: ground.slope is 0, which no factor changes"),
+    (
+        {"stroke": (0, 0.1), "robust": {"friction.isotropic": (0.8, 1.2)}},
+        "robust: friction.isotropic; the scene gives forward and backward there, name these",
+    ),
     ({"stroke": (0, 0.1), "robust": {"drive.period": (0.8, 1.2)}}, "the drive is what is sought"),
     (
         {"stroke": (0, 0.1), "free": {"friction.forward": (0, 1)}, "robust": {"friction.forward": (0.8, 1.2)}},
