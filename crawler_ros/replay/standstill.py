@@ -123,7 +123,7 @@ class Standstill:
         commanded_until: when the commands changed for the last time [s]; None when they never did, or are not known.
         margin: least distance of a spring force from its bound during the rest [N]; None when forces are not known.
         last_message: topic of the last command message; None when none was recorded.
-        last_message_at: simulated time of its arrival [s].
+        last_message_at: simulated time of its arrival [s]; None if that was before the last reset.
         commands_known: whether commands were recorded.
     """
 
@@ -157,7 +157,8 @@ class Standstill:
     def _arrival(self) -> str:
         if self.last_message is None:
             return "; no command message was recorded"
-        return f"; the last message on {self.last_message} had arrived at {self.last_message_at:g} s"
+        when = "before the reset" if self.last_message_at is None else f"at {self.last_message_at:g} s"
+        return f"; the last message on {self.last_message} had arrived {when}"
 
 
 def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstill | None:
@@ -195,7 +196,7 @@ def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstil
 
 
 def _last_message(survey: Survey, robot: Robot) -> tuple[str | None, float | None]:
-    """Find the last command message, and the last state before it arrived."""
+    """Find the last command message, and the time of the last state before it arrived; None before a reset."""
     recorded = {name: survey.topics.get(robot.recorded(name)) for name in COMMANDS}
     received = {name: topic.log_ns[-1] for name, topic in recorded.items() if topic is not None}
     states = survey.topics.get(robot.recorded("joint_states"))
@@ -203,4 +204,7 @@ def _last_message(survey: Survey, robot: Robot) -> tuple[str | None, float | Non
         return None, None
     topic = max(received, key=lambda name: int(received[name]))
     before = int(np.searchsorted(states.log_ns, received[topic], side="right")) - 1
+    resets = np.flatnonzero(np.diff(states.stamp_ns) < 0)
+    if resets.size and before <= resets[-1]:
+        return topic, None
     return topic, float(states.stamp_ns[max(before, 0)]) / NS

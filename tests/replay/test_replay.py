@@ -6,6 +6,7 @@ import itertools
 import json
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import mcap.reader
 import mcap.writer
@@ -23,7 +24,7 @@ from crawler_ros.recording.incidents import find_incidents
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.show.report import print_replay
-from crawler_ros.replay.standstill import Standstill
+from crawler_ros.replay.standstill import Standstill, _last_message
 from crawler_ros.wire.topics import read_topics
 
 from ..commands import crawler
@@ -503,6 +504,15 @@ def test_a_rest_in_the_middle_is_told_with_its_reason(tmp_path):
     assert "commands changed from 4 s on, but no spring force exceeded its bound" in rest.explain()
     assert found.as_plain()["rests"] == [rest.as_plain()]
     assert found.standstill is None
+
+
+@pytest.mark.parametrize(("arrived", "told"), [(15, None), (20, None), (35, 0.0), (45, 10 / NS)])
+def test_a_message_before_the_last_reset_has_no_time_in_the_run(arrived, told):
+    states = SimpleNamespace(log_ns=np.array([0, 10, 20, 30, 40]), stamp_ns=np.array([0, 10, 20, 0, 10]))
+    topics = {"joint_states": states, "joint_trajectory": SimpleNamespace(log_ns=np.array([arrived]))}
+    assert _last_message(SimpleNamespace(topics=topics), SimpleNamespace(recorded=str)) == ("joint_trajectory", told)
+    rest = Standstill(0.0, 1.0, None, None, "joint_trajectory", told, commands_known=True)
+    assert rest.explain().endswith("before the reset" if told is None else f"at {told:g} s")
 
 
 def test_a_recording_without_commands_tells_nothing_about_them(tmp_path):
