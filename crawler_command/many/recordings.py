@@ -125,7 +125,7 @@ def plan_batch(
     document = None if scene is None else scene.document()
     settings = describe_settings(document, namespace)
     known = {identity.recording: (run, identity) for run, identity in _finished(folder)}
-    moved = [identity for _, identity in known.values() if not Path(identity.recording).exists()]
+    moved = [(run, identity) for run, identity in known.values() if not Path(identity.recording).exists()]
     taken, skipped = {run for run, _ in known.values()}, {}
     left: dict[str, Path] = {}
     names: dict[str, str] = {}
@@ -139,11 +139,16 @@ def plan_batch(
             continue
         seen.add(found)
         run, identity = known.get(text_of(found), ("", None))
-        before = moved if identity is None else [identity]
-        if any(old.settings == settings and _is_unchanged(found, old) for old in before):
+        same = [
+            name
+            for name, old in (moved if identity is None else [(run, identity)])
+            if old.settings == settings and _is_unchanged(found, old)
+        ]
+        if same and identity is not None:
             finished += 1
             continue
-        run = run or _new_name(found, taken)
+        run = run or (same[0] if same else _new_name(found, taken))
+        moved = [one for one in moved if one[0] != run]  # its rows are replaced, as they name the file
         taken.add(run)
         left[run], names[run] = found, name
     return Batch(folder, left, names, finished, skipped, document, namespace)

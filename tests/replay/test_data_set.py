@@ -182,6 +182,25 @@ def test_what_is_finished_is_not_done_again_but_what_changed_is(bags, made, tmp_
     assert files_of(out) == before
 
 
+def test_rows_of_a_recording_that_was_moved_follow_it(bags, tmp_path):
+    """Of two equal ones each keeps its rows, and a change after that replaces them."""
+    out = tmp_path / "set"
+    for name in ("one", "two"):
+        shutil.copytree(bags / "b", tmp_path / "here" / name)
+    words = ("replay", tmp_path / "here", "--parquet", out, "--resume", "--workers", "1")
+    assert crawler(*words).returncode == 0
+    before = read(out, "runs")["run"].to_list()
+    for name in ("one", "two"):
+        (tmp_path / "here" / name).rename(tmp_path / "here" / f"{name}_moved")
+    assert crawler(*words).returncode == 0
+    runs = read(out, "runs")
+    assert runs["run"].to_list() == before
+    assert sorted(Path(path).parent.name for path in runs["recording"]) == ["one_moved", "two_moved"]
+    shutil.copy(bags / "long" / "long_0.mcap", tmp_path / "here" / "one_moved" / "b_0.mcap")
+    assert "1 recording(s) added" in crawler(*words).stdout
+    assert sorted(read(out, "runs")["drive.length"].to_list()) == [4.0, 6.0]
+
+
 @pytest.fixture(scope="module")
 def many(bags, tmp_path_factory):
     """One short recording forty times."""
