@@ -15,6 +15,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
+from crawler_model.sweep.keys import with_loads
 from crawler_ros.wire.states import shown_contacts
 
 from .actions import Actions, build_actions
@@ -154,12 +155,10 @@ def list_settings() -> list[str]:
 
 def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
     """Give a scene without loads of its own a load of 0 where episodes have loads or slopes, of which one may be 0."""
-    document = scene.document()
-    if not ranges.loads or "loads" in document or "loads" in document.get("drive", {}):
-        return scene
-    if scene.dimension == 2 and not scene.columns.loads:
+    loaded = with_loads(scene, ["loads"] if ranges.loads else [])
+    if loaded is not scene and scene.dimension == 2 and not scene.columns.loads:
         raise CrawlerError("options: slope and loads: the scene in the plane has no loads; add `loads: 0` to it")
-    return Scene.model_validate(document | {"loads": 0.0 if scene.dimension == 1 else [0.0, 0.0]})
+    return loaded
 
 
 def _check_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:

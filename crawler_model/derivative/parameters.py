@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from ..motion.plane.frame import build_frame
 from ..rounding import EPS
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
-from ..sweep.keys import key_steps
+from ..sweep.keys import expand_keys
 from ..sweep.stack import shares_mesh, stack
 from ..sweep.vary import Variations, vary
 
@@ -83,92 +81,6 @@ class Derivatives:
     rest: np.ndarray = field(default_factory=_nothing)
     offset: np.ndarray = field(default_factory=_nothing)
     jumps: np.ndarray = field(default_factory=_nothing)
-
-
-def expand_keys(scene: Scene, keys: Sequence[str], caller: str) -> tuple[str, ...]:
-    """List the numbers that keys name.
-
-    Args:
-        scene: the scene.
-        keys: dotted keys as for `vary`; a key that names a table or a list counts once for each number in it, row by
-            row.
-        caller: name of the function, for error messages.
-
-    Returns:
-        Names such as `drive.actuation[3][1]`.
-
-    Raises:
-        SceneError: if a key is unknown, names no number, or is given twice.
-    """
-    if isinstance(keys, str) or not keys:
-        raise SceneError(f"{caller}: {keys!r}; it must be a list of at least one key, for example ['friction.forward']")
-    names: list[str] = []
-    document = scene.document()
-    for key in keys:
-        if not isinstance(key, str):
-            raise SceneError(f"{caller}: {key!r}; a key is a string, for example friction.forward")
-        node = _look_up(document, key_steps(key))
-        names.extend(_names_below(node, key) if isinstance(node, list) else [key])
-    for name, times in Counter(names).items():
-        if times > 1:
-            raise SceneError(f"{caller}: {name} is named twice")
-    return tuple(names)
-
-
-def check_form(scene: Scene, names: Sequence[str], caller: str) -> None:
-    """Check that no key is `isotropic` where the scene gives friction by direction: no number of its own is behind it.
-
-    Args:
-        scene: the scene.
-        names: dotted keys.
-        caller: name of the function, for error messages.
-
-    Raises:
-        SceneError: if one is.
-    """
-    document = scene.document()
-    for name in names:
-        steps = key_steps(name)
-        friction = _look_up(document, steps[: steps.index("isotropic")]) if "isotropic" in steps else None
-        if isinstance(friction, dict) and "forward" in friction:
-            raise SceneError(f"{caller}: {name}; the scene gives {' and '.join(friction)} there, name these")
-
-
-def with_loads(scene: Scene, keys: Sequence[str]) -> Scene:
-    """Give a scene without loads the ones that keys of its slope or its loads are about, all zero.
-
-    Args:
-        scene: the scene.
-        keys: dotted keys.
-
-    Returns:
-        The same scene, or an equal one whose commands hold loads.
-    """
-    document = scene.document()
-    has_loads = "loads" in document or "loads" in (document.get("drive") or {})  # a slope that is not 0 brings its own
-    if has_loads or not any(key_steps(key)[0] in ("loads", "ground") for key in keys if isinstance(key, str)):
-        return scene
-    return Scene.model_validate(document | {"loads": 0.0 if scene.dimension == 1 else [0.0, 0.0]})
-
-
-def _look_up(node: Any, steps: Sequence[str]) -> Any:
-    """Find what a key names in a document; None if it is not there."""
-    for step in steps:
-        if isinstance(node, list):
-            named = [part for part in node if isinstance(part, dict) and part.get("name") == step]
-            inside = step.isdecimal() and int(step) < len(node)
-            node = named[0] if named else node[int(step)] if inside else None
-        else:
-            node = node.get(step) if isinstance(node, dict) else None
-    return node
-
-
-def _names_below(node: list[Any], name: str) -> Iterator[str]:
-    for i, part in enumerate(node):
-        if isinstance(part, list):
-            yield from _names_below(part, f"{name}[{i}]")
-        else:
-            yield f"{name}[{i}]"
 
 
 def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Derivatives:

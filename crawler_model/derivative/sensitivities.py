@@ -21,7 +21,8 @@ from ..run.simulate import default_duration
 from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
-from .parameters import Derivatives, check_form, differentiate_arrays, with_loads
+from ..sweep.keys import check_form, with_loads
+from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from ..body.names import name_each, name_joints
-from ..derivative.parameters import expand_keys
 from ..errors import CrawlerError, SceneError
 from ..optimise.request import Bounds, find_strokes
 from ..run.simulate import simulate
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
+from ..sweep.keys import expand_keys
 from .fit.space import build_space
 from .identify import identify
 from .judge.verdicts import Parameter

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..derivative.parameters import expand_keys
 from ..derivative.sensitivities import check_differentiable
 from ..errors import CrawlerError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
+from ..sweep.keys import expand_keys
 from .fit.fit import AGREE, Fit, find_fit, fit_from
 from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit

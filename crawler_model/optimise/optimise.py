@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ..derivative.parameters import expand_keys
 from ..errors import CommandError, SceneError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
+from ..sweep.keys import expand_keys
 from .bodies import Over, Uncertain, check_uncertain, spread_over, verify
 from .examine import finish
 from .followed import followed_goal

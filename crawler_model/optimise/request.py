@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..body.names import name_joints
-from ..derivative.parameters import changing_keys, expand_keys, with_loads
+from ..derivative.parameters import changing_keys
 from ..errors import LARGEST, CommandError, SceneError
 from ..scene.scene import Scene
-from ..sweep.keys import find_path, key_steps, overlap
+from ..sweep.keys import expand_keys, find_path, key_steps, overlap, with_loads
 from ..sweep.vary import Variations
 from .goal import SCREW, TURNING_OBJECTIVES
 from .unknowns import Table, Unknowns

@@ -10,19 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..body.drive import Drive
-from ..derivative.parameters import (
-    Derivatives,
-    changing_keys,
-    check_form,
-    collect_pieces,
-    differentiate_arrays,
-    expand_keys,
-)
+from ..derivative.parameters import Derivatives, changing_keys, collect_pieces, differentiate_arrays
 from ..errors import SceneError
 from ..scene.assemble_start import relax_loaded
 from ..scene.assembly import Assembly
 from ..scene.scene import Scene
-from ..sweep.keys import find_path
+from ..sweep.keys import check_form, expand_keys, find_path
 from ..sweep.stack import stack, stack_scenes
 from ..sweep.vary import Variations
 

@@ -19,10 +19,10 @@ from ...body.body import Body
 from ...body.columns import Columns
 from ...body.curves import BEGIN, END
 from ...body.drive import NS, Drive
-from ...derivative.parameters import Derivatives, differentiate_arrays, with_loads
+from ...derivative.parameters import Derivatives, differentiate_arrays
 from ...errors import SceneError
 from ...scene.scene import Scene
-from ...sweep.keys import key_steps
+from ...sweep.keys import key_steps, with_loads
 from ...sweep.vary import Variations, vary
 from ..measurements import MeasurementError, Measurements, observation
 from .changes import Change, apply_changes
