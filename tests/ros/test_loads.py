@@ -49,10 +49,9 @@ def test_commanded_loads_are_recorded_and_simulated_again_to_the_bit(ros, scene,
     work = 0.0
     for k in range(20):
         length, load = rng.uniform(-2.0, 2.0, 2), rng.uniform(-0.1, 0.05, 3)
-        count = len(ros.heard["joint_states"])
         names = ["link_0", "link_1", "contact_0/load", "contact_1/load", "contact_2/load"]
         ros.publish("joint_trajectory", trajectory(names, (0.0, [*length, *load])))
-        wait_until(lambda n=count: len(ros.heard["joint_states"]) > n, what=f"the state after command {k}")
+        ros.ticked(k + 1)
         work += alone.advance(length, loads=load).loads_work
         assert list(ros.heard["joint_states"][-1].effort)[1:] == pytest.approx(alone.tension, abs=1e-14)
     assert simulator.end() == 0

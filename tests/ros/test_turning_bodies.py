@@ -99,7 +99,7 @@ def test_commands_by_name_move_links_and_joints_and_replay_finds_the_same_bits(r
     for k, (topic, given, numbers) in enumerate(commands, 1):
         message = Float64MultiArray(data=numbers) if topic.endswith("/commands") else trajectory(given, (0.0, numbers))
         ros.publish(topic, message)
-        wait_until(lambda n=k: len(ros.heard["joint_states"]) > n, what=f"the state after command {k}")
+        ros.ticked(k, rate=10.0)
         for name, number in zip(given, numbers, strict=True):
             assert name in names
             row[alone.scene.columns.aliases[name]] = number
@@ -109,9 +109,9 @@ def test_commands_by_name_move_links_and_joints_and_replay_finds_the_same_bits(r
         assert list(state.position)[3:] == list(alone.shape)
         assert list(state.effort)[3:] == list(alone.tension)
         assert list(state.position)[:2] == list(alone.displacement[0])
-        wait_until(lambda n=k: len(ros.heard["pose"]) > n)
+        ros.ticked(k, "pose", 10.0)
         assert yaw_of(ros.heard["pose"][-1].pose) == pytest.approx(alone.yaw, abs=1e-15)
-        wait_until(lambda n=k: len(ros.heard["contact_states"]) > n)
+        ros.ticked(k, "contact_states", 10.0)
         contacts = ros.heard["contact_states"][-1]
         assert list(contacts.position) == list((alone.body.position + alone.displacement).ravel())
     wait_until(lambda: value(ros, "simulation", "yaw [rad]") == f"{alone.yaw:.6g}")
@@ -162,7 +162,7 @@ def press(ros, count):
     """Load the arch with some more in each tick, in lock-step; yields the load on its middle [N]."""
     for k, load in enumerate(np.linspace(-0.02, -0.2, count), 1):
         ros.publish("joint_trajectory", trajectory(["contact_1/load_y"], (0.0, [load])))
-        wait_until(lambda n=k: len(ros.heard["joint_states"]) > n, what=f"the state after command {k}")
+        ros.ticked(k)
         yield load
 
 
