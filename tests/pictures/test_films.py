@@ -329,6 +329,6 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path):
         time.sleep(0.05)
     film.send_signal(signal.SIGINT)
     _, said = film.communicate(timeout=60)
-    assert film.returncode == 130
+    assert film.returncode == 130, said.decode()
     assert said.decode().splitlines()[-1] == "crawler: stopped"
     assert not list(tmp_path.iterdir())
