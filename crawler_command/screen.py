@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +25,8 @@ from crawler_model import CrawlerError
 from .executables import describe_missing
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from crawler_model import Scene
 
 
@@ -269,18 +272,46 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Yields:
         The temporary path to write to.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C, also where a library raises another error because of it.
     """
     handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
     os.close(handle)
     part = Path(name)
     try:
-        yield part
+        with _plain_interrupts():
+            yield part
         mask = os.umask(0)
         os.umask(mask)
         part.chmod(0o666 & ~mask)
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def _plain_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt after Ctrl-C where matplotlib's compiled code makes a ValueError or a TypeError of it."""
+    before, pressed = signal.getsignal(signal.SIGINT), False
+    if not callable(before):  # ignored, as in the background of a script
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal pressed
+        pressed = True
+        before(number, frame)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    except Exception:
+        if pressed:
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def note_left_out(scene: Scene, drive: Mapping[str, Any]) -> None:

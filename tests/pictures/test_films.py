@@ -19,6 +19,7 @@ from PIL import Image, ImageSequence
 
 from crawler_bench.cases import CASES
 from crawler_command.app import main
+from crawler_command.screen import whole_file
 from crawler_model import load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
@@ -331,4 +332,22 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path):
     _, said = film.communicate(timeout=60)
     assert film.returncode == 130, said.decode()
     assert said.decode().splitlines()[-1] == "crawler: stopped"
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_that_a_library_disguises_is_one(tmp_path):
+    """Compiled code of matplotlib makes a ValueError of it, once in some hundred times."""
+    before = signal.getsignal(signal.SIGINT)
+
+    def draw() -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ValueError("Invalid affine transformation matrix") from None
+
+    with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "x.png"):
+        draw()
+    with pytest.raises(ValueError, match="another"), whole_file(tmp_path / "x.png"):
+        raise ValueError("another")
+    assert signal.getsignal(signal.SIGINT) is before
     assert not list(tmp_path.iterdir())
