@@ -35,6 +35,7 @@ from .screen import (
     progress_bar,
     require,
     screen,
+    whole_file,
 )
 from .simulate import run_scene, simulate_command
 from .view import animate, view
@@ -90,7 +91,8 @@ def check(
     if png is not None:
         from crawler_pictures.domain import draw_domain
 
-        draw_domain(run.scene, png)
+        with whole_file(png) as part:
+            draw_domain(run.scene, part)
     if as_json:
         print(json.dumps(summarise(run), allow_nan=False))
         return

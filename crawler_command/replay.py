@@ -22,6 +22,7 @@ from .screen import (
     progress_bar,
     require,
     screen,
+    whole_file,
 )
 
 if TYPE_CHECKING:
@@ -242,7 +243,8 @@ class _Outputs:
         if self._samples is not None and self._png is not None:
             from crawler_ros.replay.show.page import draw_replay
 
-            draw_replay(found, self._samples, self._png, self._two_columns)
+            with whole_file(self._png) as part:
+                draw_replay(found, self._samples, part, self._two_columns)
             written.append(f"drawn: {self._png}")
         if self._rrd is not None:
             _draw_rrd(found.path, self._rrd, found, self._ticks)

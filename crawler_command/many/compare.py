@@ -22,6 +22,7 @@ from ..screen import (
     progress_bar,
     require,
     screen,
+    whole_file,
 )
 
 if TYPE_CHECKING:
@@ -96,7 +97,8 @@ def _compare_walks(walks: Sequence[Walk], as_json: bool, png: Path | None) -> No
     from crawler_ros.replay.show.walks import draw_walks, print_walks
 
     if png is not None:
-        draw_walks(walks, png)
+        with whole_file(png) as part:
+            draw_walks(walks, part)
     if as_json:
         print(json.dumps({"schema": 1, "runs": [walk.as_plain() for walk in walks]}, allow_nan=False))
         return
@@ -122,10 +124,11 @@ def _compare_recordings(
     if png is not None:
         from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
 
-        if len(found) == 1:
-            draw_comparison(found[0], png)
-        else:
-            draw_all(found, png)
+        with whole_file(png) as part:
+            if len(found) == 1:
+                draw_comparison(found[0], part)
+            else:
+                draw_all(found, part)
     if as_json:
         plain: list[Any] = [compared.as_plain() for compared in found]
         print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
