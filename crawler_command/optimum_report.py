@@ -17,8 +17,6 @@ _STOPPED_EARLY = "; stopped before the end, the result depends on the machine"
 _MOVES = {"turn": "turns to the left", "screw": "comes nearer to the target"}
 _HASTY = 4
 """Reversals of a link in a period: a stroke and its return are two."""
-_AT_REST = 1e-6
-"""A gain below this part of the travel is none."""
 
 
 def describe_optimum(found: Optimum) -> list[str]:
@@ -103,12 +101,14 @@ def _number(value: float, digits: int = 6) -> str:
 
 
 def _describe_numbers(found: Optimum) -> str:
+    from crawler_model.optimise.goal import LEAST_GAIN
+
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):
         end = "periods have not settled, and the gain is that of the last one of the search"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
-    slow = math.isnan(found.cost_of_transport) and abs(found.gain) > _AT_REST * found.travel
+    slow = math.isnan(found.cost_of_transport) and abs(found.gain) > LEAST_GAIN * found.travel
     cost = "none, as its periods settle too slowly" if slow else _number(found.cost_of_transport, 4)
     return (
         f"gain {found.gain:.6g} m a period, cost of transport {cost}, "

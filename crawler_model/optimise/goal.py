@@ -19,7 +19,7 @@ DEFAULT_PERIODS = 10
 """Periods that count on patches of ground, as many as `simulate` runs."""
 WORST = 1e6
 """A score below minus this is that of a gait beyond the limits, or of none."""
-_LEAST_GAIN = 1e-7
+LEAST_GAIN = 1e-7
 """Least gain of a body that moves, relative to the travel of its actuators; tensions repeat to less than that."""
 
 
@@ -150,7 +150,7 @@ def score(objective: str, regime: Regime) -> float:
 
 def _moves(regime: Regime) -> bool:
     """Determine whether a gain is more than what a transient leaves: a body at rest has no cost of transport."""
-    return regime.settled and abs(regime.gain) > _LEAST_GAIN * max(regime.travel, 1e-300)
+    return regime.settled and abs(regime.gain) > LEAST_GAIN * max(regime.travel, 1e-300)
 
 
 def _derivative(objective: str, found: RegimeDerivatives) -> tuple[float, np.ndarray]:

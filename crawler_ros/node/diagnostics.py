@@ -209,9 +209,10 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
     now = refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld
     before, node.reported_commands = node.reported_commands, now
     level, news = OK, []
-    reasons = ["no equilibrium holds their loads", "the frictions of a point do not fit together"]
-    turns = node.scene.body.turning is not None
-    unheld = ", or ".join(reasons[turns and not node.scene.columns.loads : 1 + turns])
+    unheld = "no equilibrium holds their loads"
+    if node.scene.body.turning is not None:
+        frictions = "the frictions of a point do not fit together"
+        unheld = f"{unheld}, or {frictions}" if node.scene.columns.loads else frictions
     if node.counts.unheld > before[4]:
         news.append(f"the commands of {node.counts.unheld - before[4]} tick(s) refused")
     if node.commands.unheld > before[3]:

@@ -163,7 +163,7 @@ _READERS: dict[int, Callable[[ReadDataStream], Any]] = {
 def _find_summary(stream: IO[bytes], size: int) -> int:
     """Find where the summary of a file begins, or return its size where it has none."""
     footer = next(_records(stream, max(size - _FOOTER_BYTES, 0)), None)
-    return footer.summary_start if isinstance(footer, Footer) and footer.summary_start else size
+    return min(footer.summary_start, size) if isinstance(footer, Footer) and footer.summary_start else size
 
 
 def _records(stream: IO[bytes], first: int) -> Iterator[Any]:

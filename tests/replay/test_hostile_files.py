@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
-from mcap.records import Attachment, Channel, Chunk, Header, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Schema
 
 from crawler_ros.recording import bag, blocks
 from crawler_ros.recording.bag_writer import BagWriter
@@ -112,6 +112,14 @@ def test_times_beyond_all_clocks_and_names_that_are_no_text_cost_only_themselves
         file.write_bytes(mcap() + parts)
         bag.examine(file)  # what is damaged outside a chunk ends the reading
     assert crawler("replay", file).stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("start", [1, 8, 9, 2**63 - 1, 2**63, 2**64 - 1])
+def test_a_summary_that_begins_nowhere_costs_nothing(tmp_path, start):
+    file = tmp_path / "odd.mcap"
+    end = Footer(summary_start=start, summary_offset_start=0, summary_crc=0)
+    file.write_bytes(mcap(*described(), message(1), message(2), end) + b"\x89MCAP0\r\n")
+    assert bag.examine(file).counts == {"/a": 2}
 
 
 def test_an_attachment_nested_beyond_all_use_is_left_out(tmp_path):
