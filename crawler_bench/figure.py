@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ _SOLVERS = ("OSQP", "Clarabel", "DAQP", "PIQP", "ProxQP")
 _LABELLED = ("MuJoCo, tuned", "smooth friction, LSODA")
 _LEFT = 1e-17
 """Left end of the picture; between it and `EXACT` each method has a column, and the position shows no error."""
+_UPON = 0.5
+"""Points of one error whose times differ by less than this, in natural logarithms, lie upon each other."""
 _INK = "#222222"
 
 
@@ -55,13 +58,13 @@ def draw_case(bench: BenchResult, case: str, file: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.075, 0.125, 0.655, 0.755))
     methods = list(dict.fromkeys(row["method"] for row in drawn))
-    known = [method for method in methods if any(_is_exact(row, reference) for row in drawn if row["method"] == method)]
+    known = [method for method in methods if any(_is_exact(row) for row in drawn if row["method"] == method)]
     lanes = {method: _LEFT * (EXACT / _LEFT) ** ((i + 0.5) / len(known)) for i, method in enumerate(known)}
     for method in methods:
         own = [row for row in drawn if row["method"] == method]
-        x = [lanes[method] if _is_exact(row, reference) else row["error"] for row in own]
+        x = [lanes[method] if _is_exact(row) else row["error"] for row in own]
         _draw_method(axes, method, own, x)
-    _format_axes(axes, drawn, reference)
+    _format_axes(axes, drawn)
     stopped = _draw_unfinished(axes, [row for row in rows if row["method"] not in methods])
     n = rows[0]["n"]
     figure.text(0.075, 0.945, f"{case}: {bench.titles[case]}", size=15, weight="bold", color=_INK)
@@ -101,8 +104,8 @@ def _name(item: tuple[Any, str]) -> str:
     )
 
 
-def _is_exact(row: dict[str, Any], reference: str) -> bool:
-    return bool(row["error"] <= EXACT and reference != "refined")
+def _is_exact(row: dict[str, Any]) -> bool:
+    return bool(row["error"] <= EXACT)
 
 
 def _draw_method(axes: Any, method: str, rows: list[dict[str, Any]], x: list[float]) -> None:
@@ -130,16 +133,29 @@ def _draw_method(axes: Any, method: str, rows: list[dict[str, Any]], x: list[flo
     )
     if single or not (ours or method in _LABELLED):
         return
-    for row, at in zip(rows, x, strict=True):
+    for (at, y_), label in _join_labels(rows, x, y):
         axes.annotate(
-            row["label"],
-            (at, row["us_per_period"]),
+            label,
+            (at, y_),
             xytext=(-6, -14) if method.startswith("smooth") else (8, -4),
             textcoords="offset points",
             size=7.5,
             color=colour,
             zorder=6,
         )
+
+
+def _join_labels(rows: list[dict[str, Any]], x: list[float], y: list[float]) -> list[tuple[tuple[float, float], str]]:
+    """Join the labels of points that lie upon each other; each label has the place of its first point."""
+    joined: list[tuple[tuple[float, float], list[str]]] = []
+    for row, at, height in zip(rows, x, y, strict=True):
+        if joined and joined[-1][0][0] == at and abs(math.log(height / joined[-1][0][1])) < _UPON:
+            joined[-1][1].append(row["label"])
+        else:
+            joined.append(((at, height), [row["label"]]))
+    return [
+        (place, ", ".join(labels) if len(labels) < 3 else f"{labels[0]} .. {labels[-1]}") for place, labels in joined
+    ]
 
 
 def _draw_unfinished(axes: Any, rows: list[dict[str, Any]]) -> set[str]:
@@ -167,13 +183,13 @@ def _draw_unfinished(axes: Any, rows: list[dict[str, Any]]) -> set[str]:
     return set(methods)
 
 
-def _format_axes(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
+def _format_axes(axes: Any, rows: list[dict[str, Any]]) -> None:
     from matplotlib.ticker import FuncFormatter, LogFormatterSciNotation, LogLocator, NullLocator
 
     axes.set_xscale("log")
     axes.set_yscale("log")
-    strip = reference != "refined"
-    errors = [row["error"] for row in rows if row["error"] > 0.0 and not (strip and row["error"] <= EXACT)] or [1e-2]
+    strip = any(_is_exact(row) for row in rows)
+    errors = [row["error"] for row in rows if not _is_exact(row)] or [1e-2]
     axes.set_xlim(_LEFT if strip else min(errors) / 30.0, max(10.0 * max(errors), 1e-2))
     times = [row["us_per_period"] for row in rows] or [1.0]
     axes.set_ylim(min(times) / 4.0, max(times) * 4.0)
@@ -210,7 +226,7 @@ def _format_axes(axes: Any, rows: list[dict[str, Any]], reference: str) -> None:
 
 
 def _notes(bench: BenchResult, case: str, rows: list[dict[str, Any]], reference: str, stopped: set[str]) -> str:
-    lines = [] if reference == "refined" else ["Small numbers: ticks per period."]
+    lines = [] if reference == "integrated" else ["Small numbers: ticks per period."]
     solvers = [row for row in rows if row["method"].split()[0] in _SOLVERS]
     ticks = sorted({int(row["ticks_per_period"]) for row in solvers})
     names = dict.fromkeys(row["method"].split()[0] for row in solvers if row["us_per_tick"] is not None)
@@ -243,7 +259,7 @@ def _footer(bench: BenchResult, reference: str) -> str:
     against = {
         "rational": "rational arithmetic",
         "exact": "the exact path, every event followed",
-        "refined": "our own method with much finer steps (in the plane no method is exact)",
+        "integrated": "scipy's DOP853 on the positions of the sliding contacts, from event to event, to 1e-13",
     }[reference]
     return (
         f"Reference: {against}. Errors at every quarter of two periods; times are medians of interleaved rounds.\n"

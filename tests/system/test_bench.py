@@ -133,10 +133,9 @@ def test_a_quick_run_leaves_the_long_cases_out_unless_they_are_named():
 @pytest.mark.parametrize("name", ["strategy_a", "peristaltic", "segment", "graph", "planar"])
 def test_references_keep_their_energy_account_and_closed_forms(name):
     certificate = CASES[name]().reference.certificate
-    rounding = 1e-14 if name != "planar" else 1e-8
-    assert certificate["energy_residual"] < rounding
-    assert certificate.get("closed_form_difference", 0.0) < rounding
-    assert certificate.get("rational_difference", 0.0) < rounding
+    assert certificate["energy_residual"] < 1e-14
+    assert certificate.get("closed_form_difference", 0.0) < 1e-14
+    assert certificate.get("rational_difference", 0.0) < 1e-14
 
 
 @pytest.mark.parametrize("commanded", [False, True], ids=["constant friction", "commanded friction"])
