@@ -58,15 +58,7 @@ measure-coverage: $(READY)
 	$(BIN)/coverage report
 
 bench: $(READY)
-	$(BIN)/crawler bench --out benchmarks/results
-	$(BIN)/crawler bench --growth --out benchmarks/results
-	$(BIN)/crawler bench --springs --out benchmarks/results
-	$(BIN)/crawler bench --turning --out benchmarks/results
-	$(BIN)/crawler bench --node --out benchmarks/results
-	$(BIN)/crawler bench --replay --out benchmarks/results
-	$(BIN)/crawler bench --animate --out benchmarks/results
-	$(BIN)/crawler bench --gym --out benchmarks/results
-	$(BIN)/crawler bench --identify --out benchmarks/results
+	for what in methods growth node replay identify many; do $(BIN)/python -m benchmarks $$what --out benchmarks/results || exit 1; done
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

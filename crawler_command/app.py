@@ -14,7 +14,6 @@ from crawler_model import CrawlerError, __version__
 from crawler_model.run.ticks import RATE
 from crawler_ros.node.life.leave import STOPPED
 
-from .bench import bench
 from .executables import describe_missing
 from .identify.command import identify_command
 from .identify.excite import excite_command
@@ -53,6 +52,8 @@ _PLAIN = {
     "Value error, ": "",
 }
 """What the library writes of a value of an option, and the same in plain words."""
+_MOVED = {"bench": "python -m benchmarks, in a checkout of the project"}
+"""Verbs that are no longer of the command, and what took their place."""
 
 
 def _print_version(asked: bool) -> None:
@@ -200,7 +201,6 @@ def demo(
 
 
 app.command()(warm)
-app.command()(bench)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -218,7 +218,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         text = " ".join(error.format_message().split())
         for of_the_library, ours in _PLAIN.items():
             text = text.replace(of_the_library, ours)
-        if "No such command" in text and "Did you mean" not in text:
+        if moved := [new for old, new in _MOVED.items() if f"No such command {old!r}" in text]:
+            text = f"{text.partition(' Did you')[0]} It is now: {moved[0]}"
+        elif "No such command" in text and "Did you mean" not in text:
             text += f" The commands are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
         if text:  # else the command was called alone, and its help is printed
             print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)

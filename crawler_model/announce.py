@@ -17,7 +17,7 @@ KINDS = (
     ("crawler_model.", "bodies on a line", 150),
     ("crawler_gym.", "environments", 15),
     ("crawler_ros.", "commands of the node", 45),
-    ("crawler_bench.", "peers of the bench", 10),
+    ("benchmarks.", "peers of the bench", 10),
 )
 """Beginning of a module, the kind of kernels in it, and about how many functions it takes: as many as are counted."""
 _WIDTH = 12

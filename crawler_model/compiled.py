@@ -6,7 +6,6 @@ import contextlib
 import functools
 import hashlib
 import os
-import resource
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -206,8 +205,12 @@ def _check_address_space() -> None:
     Raises:
         CrawlerError: when less is left than compiling takes.
     """
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows has no such limits
+        return
     most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    statm = Path("/proc/self/statm")
+    statm = Path("/proc/self/statm")  # of Linux
     if most == resource.RLIM_INFINITY or not statm.exists():
         return
     left = most - int(statm.read_text("ascii").split()[0]) * resource.getpagesize()

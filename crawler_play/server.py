@@ -277,7 +277,8 @@ async def serve(server: Server, port: int, ready: Callable[[str], None]) -> None
     try:
         ready(server.address)
         assert server.loop is not None
-        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.loop.cancel)
+        with contextlib.suppress(NotImplementedError):  # Windows has no SIGTERM to handle
+            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, server.loop.cancel)
         with contextlib.suppress(asyncio.CancelledError):
             await server.loop
     finally:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -313,6 +312,21 @@ def _unfinished(folder: Path) -> Path:
 def _only_writer(folder: Path) -> Iterator[None]:
     """Lock a data set, which is created if it does not exist, and removed if it is empty in the end."""
     folder.mkdir(exist_ok=True)
+    try:
+        with _lock(folder):
+            yield
+    finally:
+        with suppress(OSError):  # it is not empty
+            folder.rmdir()
+
+
+@contextmanager
+def _lock(folder: Path) -> Iterator[None]:
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # Windows cannot lock a folder
+        yield
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):  # of a file system without locks
@@ -323,8 +337,6 @@ def _only_writer(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-        with suppress(OSError):  # it is not empty
-            folder.rmdir()
 
 
 def _remove_halves(folder: Path) -> None:

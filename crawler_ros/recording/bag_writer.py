@@ -58,7 +58,9 @@ class BagWriter:
         if any(folder.iterdir()):
             raise FileExistsError(f"{folder}: the folder is not empty")
         self.folder = folder
-        self._place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the folder itself, even if it is moved
+        self._place: int | None = None
+        if os.rename in os.supports_dir_fd:  # not on Windows
+            self._place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)  # the folder itself, even if it is moved
         self.path = folder / f"{folder.name}_0.mcap"
         self._file: IO[bytes] = self.path.open("xb")
         self._writer = McapFile(self._file, "ros2", "crawler", CHUNK_SIZE)
@@ -173,14 +175,17 @@ class BagWriter:
         self._file.close()
         text = yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
         new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+        folder = self.folder if self._place is None else Path()
+        part, whole = folder / ".metadata.yaml", folder / "metadata.yaml"
         try:
-            with os.fdopen(os.open(".metadata.yaml", new, 0o666, dir_fd=self._place), "w", encoding="utf-8") as file:
+            with os.fdopen(os.open(part, new, 0o666, dir_fd=self._place), "w", encoding="utf-8") as file:
                 file.write(text)
-            os.rename(".metadata.yaml", "metadata.yaml", src_dir_fd=self._place, dst_dir_fd=self._place)
+            os.rename(part, whole, src_dir_fd=self._place, dst_dir_fd=self._place)
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.folder / "metadata.yaml")) from None
         finally:
-            os.close(self._place)
+            if self._place is not None:
+                os.close(self._place)
 
     def _information(self) -> dict[str, Any]:
         first, counts = self._writer.first_ns or 0, self._writer.counts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import socket
@@ -125,7 +124,9 @@ class ViewerFeed:
         header = json.dumps(scene.document()).encode()
         self._pipe.write(struct.pack("<I", len(header)) + header)
         self._pipe.flush()
-        with contextlib.suppress(OSError):  # a larger pipe is not essential
+        with contextlib.suppress(OSError, ImportError, AttributeError):  # a larger pipe, of Linux, is not essential
+            import fcntl
+
             fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         os.set_blocking(self._pipe.fileno(), False)
         self._waiting = b""

@@ -61,8 +61,7 @@ def test_its_path_is_that_of_the_environment(tmp_path, module, scene, actions, s
     pytest.importorskip("rclpy")
     import yaml
 
-    from crawler_bench.node.processes import wait_until
-
+    from ..processes import wait_until
     from ..ros.graph import graph, seconds
 
     given = yaml.safe_load(settings)
@@ -100,8 +99,7 @@ def test_begun_late_it_goes_on_from_the_command_in_force(tmp_path, module):
     pytest.importorskip("rclpy")
     from std_msgs.msg import Float64MultiArray
 
-    from crawler_bench.node.processes import wait_until
-
+    from ..processes import wait_until
     from ..ros.graph import graph
 
     def lengths() -> list[float]:

@@ -9,7 +9,7 @@ import pytest
 
 from crawler_model import Crawler, Scene, limit_cycle, load_scene, sensitivities, simulate, simulate_many
 from crawler_model.notebook import write_html, write_numbers
-from crawler_model.stasis import StasisDomain
+from crawler_model.theory.stasis import StasisDomain
 
 from .chains import scene
 

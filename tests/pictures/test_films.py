@@ -17,7 +17,6 @@ import pytest
 pytest.importorskip("matplotlib")
 from PIL import Image, ImageSequence
 
-from crawler_bench.cases import CASES
 from crawler_command.app import main
 from crawler_command.screen import whole_file
 from crawler_model import load_scene, simulate
@@ -32,6 +31,7 @@ from crawler_pictures.film.stage import Stage
 
 from ..play.pages import browsing
 from ..recordings import hold, messages, play, record, write
+from ..scenes import wave_scene
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 TOLERANCE = 8.0
@@ -198,7 +198,7 @@ def test_a_page_draws_the_frames_of_friction_of_bodies_that_turn(name, count, tm
 
 
 def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):
-    scene = CASES["wave_1000"]().scene
+    scene = wave_scene(1_000, 20.0)
     film = film_of_run(scene, simulate(scene, 0.2, 25.0))
     write_html(film, tmp_path / "x.html", 25.0, lambda part: None)
     _, data = read_page(tmp_path / "x.html")

@@ -18,7 +18,6 @@ import pytest
 pytest.importorskip("rerun")
 from PIL import Image
 
-from crawler_bench.node.processes import wait_until
 from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, load_scene, simulate
 from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
@@ -32,6 +31,7 @@ from crawler_ros.viewer.looks import STICK
 from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
 from crawler_ros.viewer.visualizer import Drawing, to_file
 
+from ..processes import wait_until
 from ..recordings import record
 from ..sockets import addresses
 

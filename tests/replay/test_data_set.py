@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S, children, wait_until
 from crawler_model import load_scene, vary
 
 from ..commands import crawler
+from ..processes import PATIENCE_S, children, wait_until
 from ..recordings import record, rewrite
 
 polars = pytest.importorskip("polars")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S
+from ..processes import PATIENCE_S
 
 NODES = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "sensor_msgs", "trajectory_msgs")

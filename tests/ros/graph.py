@@ -19,10 +19,10 @@ import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 
-from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
+from ..processes import PATIENCE_S, wait_until
 from .forked import Forked
 
 _kept = ExitStack()

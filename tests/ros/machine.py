@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from crawler_bench.node.processes import wait_until
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
+from ..processes import wait_until
 from .graph import Graph, node_command
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr

@@ -10,7 +10,6 @@ import pytest
 pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
 from crawler_pictures.run.page import draw_run
@@ -21,6 +20,7 @@ from crawler_ros.viewer.frames import frames_of_recording
 from crawler_ros.viewer.visualizer import draw_recording
 from crawler_ros.wire.states import StationReader, contact_names, joint_state_names, shown_contacts
 
+from ..processes import wait_until
 from .graph import graph
 from .test_recording import DECODE
 

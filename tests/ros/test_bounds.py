@@ -13,7 +13,6 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.processes import memory_mb, wait_until
 from crawler_model import CommandError, Scene, load_scene
 from crawler_ros.node.intake import commands as commands_module
 from crawler_ros.node.intake.commands import CommandQueue
@@ -21,6 +20,7 @@ from crawler_ros.node.intake.limits import command_limits
 from crawler_ros.node.intake.peers import Arrivals, SecondSimulator
 from crawler_ros.node.intake.received import read_array, read_trajectory
 
+from ..processes import memory_mb, wait_until
 from .graph import graph
 from .machine import Sender, encode_array, status, stop, value
 

@@ -14,10 +14,10 @@ pytest.importorskip("aiohttp")
 import aiohttp
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene
 
 from ..play.pages import browsing, complaint, next_frame, open_page
+from ..processes import wait_until
 from .graph import Graph, Process, graph
 
 SCENE = "two_contacts_anisotropic"

@@ -9,10 +9,10 @@ import sys
 import pytest
 
 pytest.importorskip("rclpy")
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_ros.wire.topics import read_services, read_topics
 
 from ..pages import ROOT, blocks
+from ..processes import PATIENCE_S
 from .graph import environment
 
 TEXT = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")

@@ -14,10 +14,10 @@ import yaml
 pytest.importorskip("rclpy")
 from scipy.optimize import brentq, minimize_scalar
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Scene, load_scene, simulate
 from crawler_ros.examples import path_control, phase_control, speed_control
 
+from ..processes import wait_until
 from .graph import graph
 
 SPEED, PHASE, PATH = (f"crawler_ros.examples.{name}_control" for name in ("speed", "phase", "path"))

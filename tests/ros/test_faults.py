@@ -24,12 +24,12 @@ pytest.importorskip("rclpy")
 from mcap.reader import make_reader
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import PATIENCE_S, children, memory_mb, wait_until
 from crawler_model import Crawler, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
 from ..commands import crawler
+from ..processes import PATIENCE_S, children, memory_mb, wait_until
 from .graph import environment, graph
 from .machine import (
     DECODE,

@@ -10,11 +10,11 @@ import pytest
 pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import wait_until
 from crawler_command.screen import Screen
 from crawler_ros.replay import analyse
 from crawler_ros.replay.show.report import print_replay
 
+from ..processes import wait_until
 from .graph import graph
 from .machine import value
 

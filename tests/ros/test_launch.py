@@ -21,12 +21,12 @@ import yaml
 pytest.importorskip("rclpy")
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.processes import wait_until
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.topics import read_services, read_topics
 
+from ..processes import wait_until
 from .graph import Graph, graph, seconds
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
 

@@ -14,9 +14,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_bench.node.processes import children, wait_until
 from crawler_ros.node.life.shared_memory import remove_orphans
 
+from ..processes import children, wait_until
 from .graph import environment, graph, node_command
 from .machine import simulator, status, stop
 from .test_security import NOTHING, addresses, is_loopback

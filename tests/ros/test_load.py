@@ -12,12 +12,12 @@ import pytest
 pytest.importorskip("rclpy")
 from rclpy.serialization import serialize_message
 
-from crawler_bench.node.processes import memory_mb, wait_until
 from crawler_model import load_scene, simulate
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.wire.messages import TrajectoryMessage
 
+from ..processes import memory_mb, wait_until
 from .graph import graph
 from .machine import SOAK, Sender, assert_every_tick, assert_whole, encode_array, recorded, value
 from .test_nodes import trajectory

@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.processes import PATIENCE_S, cpu_seconds, wait_until
 from crawler_model import Crawler, load_scene, simulate
 from crawler_ros.replay import simulate_again
 
+from ..processes import PATIENCE_S, cpu_seconds, wait_until
 from .graph import Graph, graph, seconds
 
 SCENE = "three_contacts_one_way"

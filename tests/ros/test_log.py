@@ -18,8 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import children, wait_until
-
+from ..processes import children, wait_until
 from .graph import environment, graph
 from .machine import Sender, encode_array, simulator, status, value
 

@@ -20,7 +20,6 @@ from rcl_interfaces.msg import Parameter, ParameterValue
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_model import CommandError, Crawler, load_scene, simulate
 from crawler_ros.node.life.scheduling import check_priority
 from crawler_ros.node.parameters import read_parameters
@@ -28,6 +27,7 @@ from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.viewer.frames import frames_of_recording
 
+from ..processes import PATIENCE_S, wait_until
 from .forked import finish
 from .graph import environment, graph, seconds
 from .test_recording import DECODE

@@ -13,14 +13,14 @@ import rclpy
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from crawler_bench.node.drives import write_chain
-from crawler_bench.node.processes import wait_until
 from crawler_ros.node.life.domains import reserved_domain
 from crawler_ros.node.simulator import Simulator
 from crawler_ros.recording import bag
 from crawler_ros.replay import analyse
 from crawler_ros.wire.definitions import find_ament_prefix
 
+from ..processes import wait_until
+from ..scenes import write_chain
 from .graph import Graph, graph, node_command, seconds
 from .test_patches import CLIFF
 

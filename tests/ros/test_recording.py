@@ -23,7 +23,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import children, wait_until
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
@@ -33,6 +32,7 @@ from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
 from crawler_ros.wire.topics import read_topics
 
+from ..processes import children, wait_until
 from .graph import environment, graph, seconds
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr

@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_bench.node.processes import wait_until
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
+from ..processes import wait_until
 from .graph import environment, graph
 from .machine import simulator, status
 

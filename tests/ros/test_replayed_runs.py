@@ -10,11 +10,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import load_scene, simulate
 from crawler_ros.replay import analyse
 
 from ..commands import crawler
+from ..processes import wait_until
 from ..recordings import record
 from .graph import graph
 

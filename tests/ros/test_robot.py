@@ -12,7 +12,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from urdf_parser_py.urdf import URDF
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene, simulate
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.node.robot_description import describe_robot
@@ -21,6 +20,7 @@ from crawler_ros.wire.messages import OdometryMessage, encode_string
 from crawler_ros.wire.states import joint_state_names, station_names
 from crawler_ros.wire.topics import message_class
 
+from ..processes import wait_until
 from ..scenes import NOT_TURNING
 from .graph import graph, seconds
 from .test_nodes import trajectory

@@ -17,13 +17,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from crawler_bench.node.processes import PATIENCE_S, children, wait_until
 from crawler_ros.recording import bag, bag_folder
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.recorder import Recorder
 
 from ..commands import crawler
 from ..model.scene.test_file import EVIL
+from ..processes import PATIENCE_S, children, wait_until
 from ..sockets import addresses
 from .graph import environment, graph
 from .machine import SOAK, simulator

@@ -11,10 +11,10 @@ import pytest
 pytest.importorskip("rclpy")
 from std_msgs.msg import Float64MultiArray
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
 
+from ..processes import wait_until
 from .graph import graph, seconds
 from .machine import value
 from .test_nodes import trajectory

@@ -9,7 +9,6 @@ pytest.importorskip("rclpy")
 import rclpy
 from urdf_parser_py.urdf import URDF
 
-from crawler_bench.node.processes import wait_until
 from crawler_model import Crawler, load_scene, simulate
 from crawler_model.crawler.yields import YieldTimes
 from crawler_ros.node.life.domains import reserved_domain
@@ -18,6 +17,7 @@ from crawler_ros.node.simulator import Simulator
 from crawler_ros.replay import analyse
 from crawler_ros.wire.definitions import find_ament_prefix
 
+from ..processes import wait_until
 from .graph import graph, seconds
 from .machine import status, value
 from .test_nodes import trajectory

@@ -30,7 +30,6 @@ NEEDS = {
     "replay": (["bag"], "mcap, zstandard, rosbags"),
     "compare": (["bag", "bag"], "mcap, zstandard, rosbags"),
     "demo": ([], "rclpy, mcap, zstandard, rosbags, matplotlib, rerun"),
-    "bench": ([], "matplotlib"),
     "play": (["two_anchor_a"], "aiohttp"),
 }
 """Verbs that need more than the base, how they are called, and what is not there."""

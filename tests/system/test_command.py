@@ -37,7 +37,7 @@ def bad(*arguments: str, **options) -> str:
 
 def test_help_teaches():
     text = good("--help")
-    for verb in ("demo", "simulate", "check", "sweep", "bench", "scenes", "view", "replay"):
+    for verb in ("demo", "simulate", "check", "sweep", "scenes", "view", "replay"):
         assert verb in text
         assert "Usage" in good(verb, "--help")
 
@@ -375,7 +375,8 @@ MISTAKES = [
     (["simulate", "two_anchor_a", "--duration", "2s"], "Invalid value for '--duration': it must be a number, without"),
     (["optimise", "two_anchor_a", "--waypoints", "2.5"], "Invalid value for '--waypoints': it must be a whole number"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "No such command 'nonsense'. The commands are animate, bench, check, compare, demo, "),
+    (["nonsense"], "No such command 'nonsense'. The commands are animate, check, compare, demo, "),
+    (["bench", "--quick"], "No such command 'bench'. It is now: python -m benchmarks, in a checkout"),
     (["simulat"], "Did you mean 'simulate'?"),
     (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]

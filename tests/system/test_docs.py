@@ -77,7 +77,7 @@ WRONG = [
     ("exit status 127", fenced(("bash", "# takes its time\ncrowler scenes"))),
     ("there is no such thing: make tea", fenced(("bash", "# takes minutes\nmake tea"))),
     ("there is no such thing: crawler fly", fenced(("bash", "# takes minutes\ncrawler fly"))),
-    ("there is no such thing: crawler bench --fast", fenced(("bash", "# takes minutes\ncrawler bench --fast"))),
+    ("there is no such thing: crawler warm --fast", fenced(("bash", "# takes minutes\ncrawler warm --fast"))),
     (
         "there is no such thing: ros2 run",
         fenced(("bash", "# needs a ROS 2 installation\nros2 run crawler_ros fly")),
@@ -112,7 +112,7 @@ def test_blocks_of_a_page_follow_one_another(tmp_path):
             ("python", "from pathlib import Path\nprint(Path('two.yaml').is_file(), 3.14)"),
             ("python", "assert Path"),
             ("equations", "a = b"),
-            ("console", "# takes minutes: ten\nmake demo && crawler bench --quick   # it says"),
+            ("console", "# takes minutes: ten\nmake demo && crawler warm --scene two_anchor_a   # it says"),
         ),
         tmp_path,
     )

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_model import load_scene, simulate
 from tests import recordings
 
+from ..processes import PATIENCE_S
 from .test_command import good
 
 FOLDER = Path(__file__).parent.parent.parent / "examples"

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_model import Scene, load_scene, simulate
 
 from ..pages import ROOT, Page
+from ..processes import PATIENCE_S
 
 FOLDER = ROOT / "examples" / "laboratory"
 NAME = "docs/laboratory.md"

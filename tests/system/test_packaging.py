@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 import crawler_model
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_ros.node.life.domains import reserved_domain
 
 from ..pages import ROOT
+from ..processes import PATIENCE_S
 from .test_readme import README
 
 PACKAGE = "crawler_ros"
@@ -169,7 +169,7 @@ def test_the_package_is_found_through_the_ament_index(workspace):
 
 
 def test_what_is_imported_is_the_workspaces(workspace):
-    names = ("crawler_model", "crawler_ros", "crawler_bench", "msgs_config")
+    names = ("crawler_model", "crawler_ros", "msgs_config")
     code = f"import {', '.join(names)}\nprint(*(m.__file__ for m in ({', '.join(names)})), sep='\\n')"
     assert all(str(workspace.folder) in line for line in workspace.python(code))
 

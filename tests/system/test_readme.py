@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.topics import read_services, read_topics
 
 from ..pages import ROOT, blocks, prose
+from ..processes import PATIENCE_S
 from .test_command import CRAWLER, good
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -62,8 +62,9 @@ def test_the_two_commands_are_there():
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
     pytest.importorskip("rclpy")
-    from crawler_bench.node.processes import wait_until
     from tests.ros.graph import environment, graph
+
+    from ..processes import wait_until
 
     (script,) = [block for block in blocks("README.md", README) if block.file == "my_controller.py"]
     with graph(tmp_path) as ros:

@@ -14,10 +14,9 @@ import pytest
 pytest.importorskip("material", reason="the site is built with the extra docs")
 pytest.importorskip("mkdocstrings_handlers.python", reason="the site is built with the extra docs")
 
-from crawler_bench.node.processes import PATIENCE_S
-
 from ..pages import ROOT, pages
 from ..play.pages import browsing
+from ..processes import PATIENCE_S
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,6 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-import crawler_bench
 import crawler_command
 import crawler_gym
 import crawler_model
@@ -40,7 +39,6 @@ PACKAGES = (
     "crawler_ros",
     "crawler_gym",
     "crawler_play",
-    "crawler_bench",
     "crawler_command",
 )
 OPTIONAL = (
@@ -195,7 +193,6 @@ EVERYTHING = (
     crawler_ros,
     crawler_gym,
     crawler_play,
-    crawler_bench,
     crawler_command,
 )
 INTERFACE = (crawler_model, crawler_ros.replay)

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crawler_bench.node.processes import PATIENCE_S, wait_until
 from crawler_command.app import main
 from crawler_command.many.units import unit_of
 from crawler_model import load_scene
 
+from ..processes import PATIENCE_S, wait_until
 from .test_command import CRAWLER, good
 
 pq = pytest.importorskip("pyarrow.parquet")

@@ -25,7 +25,7 @@ _SLOW = 0.2
 """Part of the noise from which its slow part counts."""
 _WIDER, _WIDER_SLOW = 1.1, 1.25
 """Factors on intervals, because the derivatives are averages over creases; where noise has a slow part, its size and
-correlation time are estimates, too. Both are calibrated by `crawler bench --identify`."""
+correlation time are estimates, too. Both are calibrated by `python -m benchmarks identify`."""
 _WIDEST = np.log(3.0)
 """Half of a 95 % interval of a logarithm; a parameter with a wider one is not identified."""
 

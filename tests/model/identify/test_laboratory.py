@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crawler_bench.features.laboratory import KEYS, build_robot, guess_robot, identify_robot, measure_robot
 from crawler_model import CrawlerError, Identification, Measurements, Prior, Scene, Sensor, identify, simulate
+
+from .laboratory import KEYS, build_robot, guess_robot, identify_robot, measure_robot
 
 LAG = "pixels, tracker, lag"
 PATIENT = 120.0

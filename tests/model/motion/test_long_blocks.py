@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_bench.cases import CASES
 from crawler_model import Crawler, Scene, load_scene, simulate
+from crawler_model.body.drive import NS
 from crawler_model.motion.line.build import FAN
 
+from ...scenes import wave_scene
 from ..long_chains import NEVER, Row, assert_same, chain, follow
 
 
@@ -131,9 +132,9 @@ def test_runs_take_fewer_visits_than_contacts(monkeypatch):
 
 def test_a_search_wakes_no_run_of_another_block():
     """The budget would be spent if it did, by five waves over a thousand contacts."""
-    case = CASES["long_wave_1000"]()
-    rows = np.concatenate(case.quarters(64, True))
-    crawler = Crawler(case.scene)
+    scene = wave_scene(1_000, 999 / 5.0, 0.1)
+    rows = scene.drive.sample(np.arange(1, 65) * (NS // 64))
+    crawler = Crawler(scene)
     crawler.follow(rows)
     crawler.budget = 11_000
     assert crawler.follow(rows).overspent == 0

@@ -1,0 +1,25 @@
+"""Scenes that wait for commands, and trajectories that drive them for longer than a measurement."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from crawler_model.body.names import name_each
+
+from .domain import Domain, build_trajectory
+
+
+def wave(domain: Domain, contacts: int) -> None:
+    """Drive a chain by a travelling wave with a period of 1 s for the longest duration of a measurement."""
+    domain.publisher("joint_trajectory").publish(_wave_trajectory(contacts))
+
+
+@functools.cache
+def _wave_trajectory(contacts: int) -> Any:
+    samples, periods = 16, (6000 if contacts <= 100 else 120)  # a quick processor ends 3 000 periods in 3 s
+    time_in_period = np.arange(samples * periods)[:, None] / samples
+    rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
+    return build_trajectory(name_each("link", contacts - 1), rows, 1.0 / samples)
