@@ -6,6 +6,7 @@ DEMO_EXTRAS := ros,viz
 BIN := $(VENV)/bin
 MADE := $(VENV)/.made
 READY := $(VENV)/.ready
+TRIAL := $(or $(TMPDIR),/tmp)/crawler-dist
 # the demonstration needs less, but uses the full environment if it exists
 READY_DEMO := $(if $(wildcard $(READY)),$(READY),$(VENV)/.ready-demo)
 # an environment without the mark was made by somebody else, and may hold what nobody can install again
@@ -18,7 +19,7 @@ install = { [ -x $(BIN)/uv ] && $(BIN)/uv pip install --quiet --python $(BIN)/py
 unexport PYTHONDONTWRITEBYTECODE
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
-.PHONY: demo test test-all smoke lint coverage measure-coverage bench docs figures soak clean
+.PHONY: demo test test-all smoke lint coverage measure-coverage bench docs figures dist soak clean
 
 demo: $(READY_DEMO)
 	$(BIN)/crawler demo
@@ -75,6 +76,16 @@ figures: $(READY)
 	$(BIN)/crawler animate three_contacts_two_ways --out docs/pictures/crawl.gif --fps 12 --duration 4 --force
 	$(BIN)/python docs/tutorial.py
 	$(BIN)/python docs/validation.py
+
+# the wheel is tried where nothing of this folder can be imported; what follows `crawler demo` is what a user does first
+dist: $(READY)
+	rm -rf dist
+	$(call install,build)
+	$(BIN)/python -m build --installer uv
+	rm -rf $(TRIAL) && $(BIN)/python -m venv $(TRIAL)
+	$(BIN)/uv pip install --quiet --python $(TRIAL)/bin/python "$$(echo dist/*.whl)[ros,viz,gym]" || $(TRIAL)/bin/pip install --quiet "$$(echo dist/*.whl)[ros,viz,gym]"
+	cd $(TRIAL) && bin/crawler demo && bin/crawler simulate two_anchor_a --json && bin/crawler check two_anchor_a && bin/crawler replay demo
+	rm -rf $(TRIAL)
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200

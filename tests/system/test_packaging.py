@@ -18,9 +18,9 @@ from crawler_ros.node.life.domains import reserved_domain
 
 from ..pages import ROOT
 from ..processes import PATIENCE_S
-from .test_readme import README
 
 PACKAGE = "crawler_ros"
+CONTROLLERS = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
 EXECUTABLES = ("gait_player", "path_control", "phase_control", "policy", "replay", "simulator", "speed_control")
 
 
@@ -152,7 +152,7 @@ def workspace(request, tmp_path_factory):
     pytest.importorskip("rclpy")
     pytest.importorskip("colcon_ros")
     made = Workspace(tmp_path_factory.mktemp("workspace"))
-    (line,) = [text for text in README.splitlines() if text.startswith("colcon build")]
+    (line,) = [text for text in CONTROLLERS.splitlines() if text.startswith("colcon build")]
     made.shell(line.replace(" &&", f"{request.param} &&", 1))
     return made
 
@@ -191,7 +191,7 @@ def test_an_executable_says_how_it_is_used(workspace, name):
 def test_a_scene_and_every_executable_run_from_there(workspace):
     lib = workspace.folder / "install" / PACKAGE / "lib" / PACKAGE
     assert {file.name for file in lib.iterdir()} == {"crawler", *EXECUTABLES}
-    assert f"ros2 run {PACKAGE} simulator --ros-args -p scene:=two_anchor_a" in README
+    assert f"ros2 run {PACKAGE} simulator --ros-args -p scene:=two_anchor_a" in CONTROLLERS
     with reserved_domain() as domain:
         said = workspace.sourced(
             f"""export ROS_DOMAIN_ID={domain}

@@ -1,8 +1,7 @@
-"""What the README promises: the demonstration, its tables, its controller, its nodes."""
+"""What the README promises: the demonstration, its controller, its nodes."""
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
@@ -11,11 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from crawler_ros.node.parameters import read_parameters
 from crawler_ros.wire.definitions import find_ament_prefix
-from crawler_ros.wire.topics import read_services, read_topics
 
-from ..pages import ROOT, blocks, prose
+from ..pages import ROOT, blocks
 from ..processes import PATIENCE_S
 from .test_command import CRAWLER, good
 
@@ -74,32 +71,6 @@ def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
             [sys.executable, tmp_path / script.file], env=environment(ros.domain), timeout=PATIENCE_S, check=True
         )
         wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0)
-
-
-def rows(head: str) -> list[list[str]]:
-    """The cells of the table with this head."""
-    lines = prose(README).split(f"| {head} |\n")[1].split("\n\n")[0].splitlines()[1:]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-
-
-def test_every_topic_is_in_the_table_with_its_type_and_direction():
-    table = {name: (kind, direction) for name, kind, direction, _ in rows("topic | type | direction | meaning")}
-    wanted = read_topics().items()
-    assert table == {f"`{name}`": (topic.type.replace("/msg/", "/"), topic.direction) for name, topic in wanted}
-
-
-def test_parameters_in_the_table_have_the_defaults_of_the_node():
-    table = rows("parameter | default | meaning")
-    assert [name for name, _, _ in table][:2] == ["`scene`", "`rate`"]
-    for name, default, _ in table:
-        value = read_parameters()[name.strip("`")].default
-        shown = value if isinstance(value, str) else json.dumps(value)
-        assert default == (f"`{shown}`" if shown else "(empty)"), name
-
-
-def test_every_service_is_named():
-    for name in read_services():
-        assert f"`crawler/{name}`" in README
 
 
 def test_the_nodes_are_found_through_the_ament_index():
