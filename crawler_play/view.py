@@ -153,10 +153,13 @@ class View:
         return "; ".join(parts) or "nothing moves"
 
     def _side(self, instant: Instant, contact: int) -> str:
-        """Name the way in which a contact is nearest to sliding."""
+        """Name the way in which a contact is nearest to sliding, which its nearest bound decides, not its force."""
         if self.scene.body.dimension == 2:
             return "nearest to sliding"
-        return "pulled forward" if instant.force[contact] > 0.0 else "pulled back"
+        forward, backward = local_bounds(self.scene, instant.target, instant.displacement)
+        force = instant.force[contact]
+        ahead = forward[contact] - force < force + backward[contact]
+        return "nearest to sliding forward" if ahead else "nearest to sliding back"
 
     def _list(self, contacts: np.ndarray) -> str:
         """Write a few names."""

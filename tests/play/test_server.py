@@ -241,7 +241,7 @@ def test_no_name_of_a_scene_leads_out_of_the_folder_of_what_is_kept(tmp_path, na
 
 def test_words_tell_what_happens():
     robot = Simulated(load_scene("two_contacts_anisotropic"))
-    assert robot.frame()["words"] == "all contacts hold; margin 0.2 N (contact 0, pulled back)"
+    assert robot.frame()["words"] == "all contacts hold; margin 0.2 N (contact 0, nearest to sliding forward)"
     robot.receive({"mode": "hand"})
     robot.receive({"set": {"link_0": 0.02}})
     assert robot.frame()["words"] == "contact 1 slides forward; 0 holds; margin 0.3 N"
@@ -249,3 +249,22 @@ def test_words_tell_what_happens():
     slack.receive({"mode": "hand"})
     slack.receive({"set": {"link_0": 0.5}})
     assert slack.frame()["words"].endswith("link_0 is slack")
+
+
+@pytest.mark.parametrize(
+    ("load", "link", "margin", "more", "way"),
+    [
+        (0.25, 0.002, 0.161, 0.2, "forward"),  # the link pushes contact 0 back
+        (0.25, -0.004, 0.0406, 0.05, "forward"),
+        (-0.55, -0.002, 0.104, -0.15, "back"),  # the link pulls contact 0 forward
+        (-0.55, 0.002, 0.0242, -0.05, "back"),
+    ],
+)
+def test_the_sentence_names_the_way_in_which_the_nearest_contact_slides(load, link, margin, more, way):
+    """The nearest bound decides: loads and friction that differ by direction put either nearer, whatever the force."""
+    robot = Simulated(load_scene("slope_climber"))
+    robot.receive({"mode": "hand"})
+    robot.receive({"set": {"contact_0/load": load, "link_0": link}})
+    assert robot.frame()["words"] == f"all contacts hold; margin {margin} N (contact 0, nearest to sliding {way})"
+    robot.receive({"set": {"contact_0/load": load + more}})
+    assert robot.frame()["words"].startswith(f"contact 0 slides {way}; 1 holds; ")
