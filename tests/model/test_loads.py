@@ -309,3 +309,25 @@ def test_driven_loads_replace_those_of_the_scene():
     crawler = Crawler(two(loads=0.0))
     crawler.advance([3.0], loads=[0.2, -0.4])
     assert run.displacement[-1] == pytest.approx(crawler.displacement, abs=1e-13)
+
+
+@pytest.mark.parametrize("ground", [{}, {"slope": 10.0}], ids=["flat", "slope"])
+@pytest.mark.parametrize("left_out", ["loads", "friction", "forward", "backward", "all"])
+def test_what_a_command_leaves_out_stays_in_force_after_targets(left_out, ground):
+    """Only bounds and loads are known of a crawler that followed targets: of the bounds, the load is a part."""
+    scene = two(0.3, 0.9, loads=0.05, **({"body": {"weights": 0.5}, "ground": ground} if ground else {}))
+    new = {"forward": [0.2, 0.4], "backward": [0.7, 0.8], "loads": [-0.1, 0.15]}
+    given = {
+        k: v
+        for k, v in new.items()
+        if k != left_out and left_out != "all" and (left_out, k[-4:]) != ("friction", "ward")
+    }
+    commanded, followed = Crawler(scene), Crawler(scene)
+    commanded.advance([0.5], loads=[0.1, -0.05])
+    followed.follow(followed.target([0.5], loads=[0.1, -0.05])[None])
+    for crawler in (commanded, followed):
+        crawler.advance([0.25], **given)
+        expected = {"forward": [0.3, 0.3], "backward": [0.9, 0.9], "loads": [0.1, -0.05]} | given
+        assert crawler.row == pytest.approx(np.concatenate(([0.25], *expected.values())), abs=1e-15)
+    assert followed.friction == pytest.approx(commanded.friction, abs=1e-15)
+    assert followed.displacement == pytest.approx(commanded.displacement, abs=1e-14)

@@ -26,11 +26,11 @@ from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
 from crawler_ros.viewer.page import screenshot
-from crawler_ros.viewer.visualizer import draw_recording
+from crawler_ros.viewer.visualizer import Drawing, draw_recording, to_file
 
 from ..recordings import attachments, messages, play, record, write
 from ..replay.test_replay_patches import icy
-from .test_pictures import entities, needs_renderer
+from .test_pictures import column, entities, needs_renderer
 
 ICE, ROUGH, HILL = "#9fd0f0", "#d8b48a", "#d5dcc6"
 PATCHES = [
@@ -222,3 +222,16 @@ def test_the_page_of_the_viewer_marks_jumps(tmp_path):
     )
     assert count(with_jumps, JUMP) > 50
     assert count(without, JUMP) == 0
+
+
+def test_the_lines_of_a_band_fill_it_and_nothing_else(tmp_path):
+    scene = icy()
+    drawing = Drawing(scene, to_file(tmp_path / "x.rrd"))
+    drawing.draw(frames(scene, 0.0)[0])
+    drawing.close()
+    strips, radii = (np.array(column(tmp_path / "x.rrd", "/world/ground", part)[0]) for part in ("strips", "radii"))
+    apart = strips[1, 0, 1] - strips[0, 0, 1]
+    assert strips[:, 0, 1] == pytest.approx((np.arange(12) + 0.5) * apart)
+    assert radii == pytest.approx(0.6 * apart)  # they overlap
+    (band,) = list_sections(scene, -10.0, 10.0)
+    assert strips[:, 0, 0] == pytest.approx(band.start + 0.5 * apart)

@@ -385,3 +385,19 @@ def test_a_viewer_whose_port_is_taken_says_so_and_ends():
         )
     assert done.returncode == 1
     assert done.stderr.decode().splitlines() == [f"viewer: port {port} of 127.0.0.1 is taken"]
+
+
+def test_in_the_plane_y_points_up_for_all_that_rerun_shows(tmp_path):
+    """Its own axis points down: contacts, paths and the mean are mirrored alike, here where all lie off the x axis."""
+    (tmp_path / "arch.yaml").write_text(
+        ARCH.replace("[[0.0, 0.0], [1.0, 0.2], [2.0, 0.0]]", "[[0, 1], [1, 1.2], [2, 1]]")
+    )
+    scene = load_scene(tmp_path / "arch.yaml")
+    place = scene.body.position + simulate(scene, 2.0).displacement[-1]
+    up = np.vstack((place, scene.body.share @ place))
+    rrd = draw(tmp_path / "arch.yaml", tmp_path / "x.rrd")
+    contacts, mean = (column(rrd, f"/world/{name}", "positions")[-1] for name in ("contacts", "mean"))
+    assert np.array([*contacts, *mean]) * (1.0, -1.0) == pytest.approx(up, abs=1e-6)
+    ends = np.array([path[-1] for path in column(rrd, "/world/paths", "strips")[-1]])
+    assert ends * (1.0, -1.0) == pytest.approx(up, abs=0.02)
+    assert up[:, 1].min() > 0.9

@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent.parent
 FOLDER = ROOT / "launch"
 PACKAGE = "crawler_ros"
-_TAGS = {"launch", "arg", "include", "group", "node", "param", "remap"}
+_TAGS = {"launch", "arg", "include", "group", "node", "param"}
 _ATTRIBUTES = {
     "launch": set(),
     "arg": {"name", "default", "description", "value"},
@@ -19,7 +19,6 @@ _ATTRIBUTES = {
     "group": set(),
     "node": {"pkg", "exec", "namespace", "output", "args", "on_exit"},
     "param": {"name", "value", "type"},
-    "remap": {"from", "to"},
 }
 
 
@@ -32,7 +31,6 @@ class Started:
     namespace: str
     parameters: dict[str, str]
     types: dict[str, str]
-    remaps: dict[str, str]
     arguments: list[str]
     ends_all: bool
 
@@ -83,15 +81,12 @@ def _run(element: ET.Element, values: dict[str, str], file: Path) -> list[Starte
         elif child.tag == "node":
             parameters = {p.get("name"): substitute(p.get("value"), values, file) for p in child.iter("param")}
             types = {p.get("name"): p.get("type") for p in child.iter("param")}
-            remaps = {r.get("from"): substitute(r.get("to"), values, file) for r in child.iter("remap")}
             namespace = substitute(child.get("namespace", ""), values, file)
             executable = substitute(child.get("exec"), values, file)
             arguments = shlex.split(substitute(child.get("args", ""), values, file))
             ends_all = child.get("on_exit")
             assert ends_all in (None, "shutdown"), ends_all  # launch knows no other
             started.append(
-                Started(
-                    child.get("pkg"), executable, namespace, parameters, types, remaps, arguments, ends_all is not None
-                )
+                Started(child.get("pkg"), executable, namespace, parameters, types, arguments, ends_all is not None)
             )
     return started

@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
 from crawler_ros.wire.definitions import find_ament_prefix
-from crawler_ros.wire.topics import read_services, read_topics
+from crawler_ros.wire.topics import read_topics
 
 from ..processes import wait_until
 from .graph import Graph, graph, seconds
@@ -130,12 +130,6 @@ def test_defaults_are_the_nodes_own():
             if (file, name) not in purpose:
                 value = text if process.types[name] == "str" else yaml.safe_load(text)
                 assert value == known[name], (file, name)
-
-
-def test_remaps_name_topics():
-    for _, process in every_start():
-        for name in process.remaps:
-            assert name in read_topics() or name in read_services()
 
 
 def test_one_at_most_publishes_the_clock():

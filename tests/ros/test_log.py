@@ -87,11 +87,11 @@ def test_what_is_read_late_is_whole_or_counted():
 
 
 def test_what_is_read_arrives_whole_and_in_order():
-    process = subprocess.run([sys.executable, "-c", TALKER, "more"], capture_output=True, text=True, timeout=60)
+    code = TALKER.replace("50_000", "9_000")  # less than what waits for a reader: nothing is dropped
+    process = subprocess.run([sys.executable, "-c", code, "more"], capture_output=True, text=True, timeout=60)
     lines = process.stderr.splitlines()
     assert lines[-1] == "last words"
-    if not any("were dropped" in line for line in lines):  # this process kept up
-        assert [int(line.split()[1]) for line in lines[:-1]] == list(range(50_000))
+    assert [int(line.split()[1]) for line in lines[:-1]] == list(range(9_000))
 
 
 def test_a_crash_does_not_take_the_last_words_along():

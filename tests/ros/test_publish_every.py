@@ -83,8 +83,8 @@ def test_states_come_at_every_nth_tick_and_where_commands_end_and_replay_is_iden
     assert late["/applied_commands"] == 36
 
 
-def test_a_missing_state_is_noticed(ros):
-    """The check of gaps expects a state at every n-th tick and no other."""
+def test_a_missing_message_is_noticed(ros):
+    """The check of gaps expects a state at every n-th tick and no other, and commands of every tick."""
     process = ros.simulator(
         *("scene:=three_contacts_one_way", "lock_step:=true", f"publish.every:={EVERY}"),
         *(f"record:={ros.folder / 'bags'}",),
@@ -95,10 +95,13 @@ def test_a_missing_state_is_noticed(ros):
     (recording,) = (ros.folder / "bags").iterdir()
     found = bag.Bag({})
     records = list(bag.read(recording, found))
-    writer = bag_without(records, found, recording.parent / "torn", lambda record, k: (record.topic, k) != ("/pose", 3))
-    replay = analyse(writer)
-    assert replay.comparison.identical
-    assert [p for p in replay.problems if "missing" in p] == ["pose: 1 tick(s) missing, the first after 0.1 s"]
+    for topic, lost, after in (("pose", 3, 0.1), ("applied_commands", 12, 0.11)):
+        torn = bag_without(records, found, recording.parent / topic, lambda r, k: (r.topic, k) != (f"/{topic}", lost))  # noqa: B023
+        replay = analyse(torn)
+        assert [p for p in replay.problems if "missing" in p] == [
+            f"{topic}: 1 tick(s) missing, the first after {after} s"
+        ]
+        assert replay.comparison.identical
 
 
 def bag_without(records, found, folder, keep):

@@ -119,7 +119,7 @@ def test_an_existing_file_is_replaced_only_with_force(tmp_path):
 
 def test_an_option_means_the_same_for_every_verb():
     """`--rate` is a frequency, `--seconds` time on the wall, `--duration` simulated time; no letter has two meanings."""
-    meanings = {"--rate": "Hz", "--seconds": "ime", "--duration": "s", "--force": "Replace existing files."}
+    meanings = {"--rate": "Hz", "--seconds": "ime", "--duration": "imulated", "--force": "Replace existing files."}
     letters: dict[str, str] = {}
     for verb, command in typer.main.get_command(app).commands.items():
         for option in command.params:

@@ -342,6 +342,8 @@ WRONG = [
     ({"stroke": (0.1, 0.0)}, "stroke: 0.1 to 0; the lower bound must be less than the upper one"),
     ({"stroke": (0.1, 0.1)}, "stroke: 0.1 to 0.1; the lower bound must be less"),
     ({"stroke": (0.0, np.inf)}, "stroke: 0 to inf; bounds must be finite"),
+    ({"stroke": (0.0, 2e100)}, "stroke: 0 to 2e+100; bounds must be finite"),
+    ({"stroke": (-2e100, 0.0)}, "stroke: -2e+100 to 0; bounds must be finite"),
     ({"stroke": 0.1}, "stroke: 0.1; bounds are two numbers"),
     ({"stroke": {"link_7": (0, 1)}}, "stroke: 'link_7'; the links and segments are link_0"),
     ({"stroke": (0, 0.1), "waypoints": 1}, "waypoints: 1; it must be a whole number between 2 and 2000"),

@@ -85,6 +85,8 @@ WRONG = [
     ("body/links/stiffness", 1e200, "too large; at most 1e+100"),
     ("drive/times", [0, 1e-10], "waypoints are at least a nanosecond apart"),
     ("name", None, "name: missing"),
+    ("loads", [[0, 0], [1, 0], [0, 0]], "loads: pairs; on a line each load is a number (or dimension: 2)"),
+    ("loads", [1, [0, 0], 0], "loads: pairs; on a line each load is a number (or dimension: 2)"),
     ("start", {"displacement": [[0, 0]] * 3}, "start.displacement: on a line each entry is a number"),
     ("start", {"displacement": [0, 1]}, "start.displacement: 2 value(s) for 3 contact(s)"),
     (
@@ -217,9 +219,16 @@ def test_several_mistakes_are_counted():
     assert "(and 1 more mistake)" in refusal(data)
 
 
-def test_an_inadmissible_start_says_what_would_be_right():
-    data = change("start", {"displacement": [0, 2, 0]})
-    assert "a start without tension is [0, 0, 0]" in refusal(data)
+@pytest.mark.parametrize("stiffness", [2.0, [3.0, 5.0]])
+@pytest.mark.parametrize("rows", [[[0, 0], [1, 1]], [[0.25, -0.5], [1, 1]]])
+@pytest.mark.parametrize("first", [0.0, 0.5, -3.0])
+def test_the_start_that_an_error_proposes_has_no_tension(first, rows, stiffness):
+    data = change("start", {"displacement": [first, first + 2, first]})
+    data["drive"]["actuation"], data["body"]["links"]["stiffness"] = rows, stiffness
+    (proposal,) = re.findall(r"a start without tension is \[(.*?)\], or write `start: relaxed`", refusal(data))
+    data["start"] = {"displacement": [float(x) for x in proposal.split(", ")]}
+    assert data["start"]["displacement"][0] == first
+    assert Crawler(Scene.model_validate(data)).tension == pytest.approx(0.0, abs=1e-15)
 
 
 def test_numbers_spread_over_all_entries():
