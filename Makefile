@@ -19,7 +19,7 @@ install = { [ -x $(BIN)/uv ] && $(BIN)/uv pip install --quiet --python $(BIN)/py
 unexport PYTHONDONTWRITEBYTECODE
 
 # For coverage the kernels are interpreted, so that their branches are seen; tests that would then take hours are left out.
-.PHONY: demo test test-all smoke lint coverage measure-coverage bench docs figures dist soak clean
+.PHONY: demo test test-all smoke lint coverage measure-coverage bench docs figures dist mutants soak clean
 
 demo: $(READY_DEMO)
 	$(BIN)/crawler demo
@@ -86,6 +86,10 @@ dist: $(READY)
 	$(BIN)/uv pip install --quiet --python $(TRIAL)/bin/python "$$(echo dist/*.whl)[ros,viz,gym]" || $(TRIAL)/bin/pip install --quiet "$$(echo dist/*.whl)[ros,viz,gym]"
 	cd $(TRIAL) && bin/crawler demo && bin/crawler simulate two_anchor_a --json && bin/crawler check two_anchor_a && bin/crawler replay demo
 	rm -rf $(TRIAL)
+
+# one at a time, in copies of the tree: for developers, who judge what survives
+mutants: $(READY)
+	$(BIN)/python -m tests.mutants --count $(or $(N),60) --seed $(or $(SEED),0)
 
 soak: $(READY)
 	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200
