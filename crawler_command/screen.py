@@ -173,11 +173,11 @@ def is_recording(source: str) -> bool:
         source: a path, or the name of a scene of the gallery.
 
     Returns:
-        Whether it is a bag folder or an .mcap file.
+        Whether it is a bag folder or a file of one, which may have a format that is not read.
     """
     from crawler_model import gallery
 
-    return source not in gallery() and (Path(source).is_dir() or Path(source).suffix == ".mcap")
+    return source not in gallery() and (Path(source).is_dir() or source.endswith((".mcap", ".mcap.zstd", ".db3")))
 
 
 def require(*modules: str) -> None:

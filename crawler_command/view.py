@@ -131,7 +131,7 @@ def read_frames(
         SceneError: when the named scene is invalid.
     """
     from crawler_model import load_scene
-    from crawler_ros.recording.bag import read_head, recorded_scene
+    from crawler_ros.recording.bag import examine, recorded_scene
     from crawler_ros.recording.recorded_robot import noted_robot
     from crawler_ros.replay.analysis import analyse
     from crawler_ros.replay.health import choose_robot, published_every, survey_recording
@@ -140,7 +140,7 @@ def read_frames(
 
     loaded = None if scene is None else load_scene(scene)
     robot = None if namespace is None else choose_robot(survey_recording(recording), namespace)
-    attached = read_head(recording).attachments
+    attached = examine(recording).attachments
     ran = loaded or recorded_scene(recording, attached)
     every = published_every(attached) or 1
     jumps = jumps and ran is not None and (ran.ground.track is not None or ran.body.turning is not None)

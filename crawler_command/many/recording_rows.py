@@ -19,6 +19,7 @@ import crawler_model
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
 from crawler_model.run.transport import cost_of_transport, length_of, supporting_force
+from crawler_ros.recording.bag import find_files
 from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.cycle_table import Cycle, EnergyBalance, account_of
 from crawler_ros.replay.show.tables import cycles_table, slips_table
@@ -74,13 +75,13 @@ _ACCOUNT = {
 
 @dataclass(frozen=True)
 class Identity:
-    """The file that a row describes, and what else its analysis depended on.
+    """The files that a row describes, and what else its analysis depended on.
 
     Attributes:
-        recording: absolute path of the file.
-        size: its size [B].
-        modified_ns: when it was modified [ns].
-        digest: of its contents.
+        recording: absolute path of the first one.
+        size: their size [B].
+        modified_ns: when the newest was modified [ns].
+        digest: of their contents.
         settings: of `--scene`, `--namespace` and the version of the analysis.
     """
 
@@ -120,42 +121,58 @@ def describe_settings(scene: Mapping[str, Any] | None, namespace: str | None) ->
     return hashlib.blake2b(settings.encode(), digest_size=16).hexdigest()
 
 
-def digest_of(file: Path) -> str:
-    """Compute a digest of the contents of a file.
+def describe_files(bag: Path) -> tuple[str, int, int]:
+    """Describe the files of a recording without reading them.
 
     Args:
-        file: the file.
+        bag: its bag folder or .mcap file.
+
+    Returns:
+        The path of the first one, the size of all [B], and when the newest was modified [ns].
+    """
+    files = find_files(bag)
+    about = [file.stat() for file in files]
+    newest = max(one.st_mtime_ns for one in about)
+    return text_of(files[0].resolve()), sum(one.st_size for one in about), newest
+
+
+def digest_of(bag: Path) -> str:
+    """Compute a digest of the contents of a recording.
+
+    Args:
+        bag: its bag folder or .mcap file.
 
     Returns:
         Hexadecimal digits.
     """
     found = hashlib.blake2b(digest_size=16)
-    with file.open("rb") as stream:
-        while piece := stream.read(1 << 20):
-            found.update(piece)
+    for file in find_files(bag):
+        with file.open("rb") as stream:
+            while piece := stream.read(1 << 20):
+                found.update(piece)
     return found.hexdigest()
 
 
-def tabulate(file: str, scene: Mapping[str, Any] | None, namespace: str | None) -> Outcome:
+def tabulate(bag: str, scene: Mapping[str, Any] | None, namespace: str | None) -> Outcome:
     """Analyse a recording; this function runs in worker processes, which write nothing.
 
     Args:
-        file: absolute path of the .mcap file.
+        bag: absolute path of the bag folder or .mcap file.
         scene: document of the scene that ran, for a recording that does not hold it.
         namespace: namespace of the crawler, where several were recorded.
 
     Returns:
         Its tables, or why it is skipped.
     """
-    path = Path(file)
+    path = Path(bag)
     try:
-        before = os.stat(path)
+        described = describe_files(path)
         digest = digest_of(path)
         replay = analyse(path, None if scene is None else Scene.model_validate(scene), namespace)
         if not replay.survey.complete:
             return Outcome({}, replay.problems[0], False)
         settings = describe_settings(scene, namespace)
-        identity = Identity(text_of(path), before.st_size, before.st_mtime_ns, digest, settings)
+        identity = Identity(*described, digest, settings)
         tables = {name: _serialise(table) for name, table in _build_tables(replay, identity).items()}
     except ModuleNotFoundError:
         raise

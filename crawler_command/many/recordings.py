@@ -22,7 +22,17 @@ from crawler_model import CrawlerError, Scene
 from crawler_ros.recording.bag import BagError, find_file
 
 from .cores import WorkerEndedError, run_on_cores
-from .recording_rows import IDENTITY, TABLES, Identity, Outcome, describe_settings, digest_of, tabulate, text_of
+from .recording_rows import (
+    IDENTITY,
+    TABLES,
+    Identity,
+    Outcome,
+    describe_files,
+    describe_settings,
+    digest_of,
+    tabulate,
+    text_of,
+)
 
 _UNFINISHED = ".unfinished"
 """Folder in a data set for files that are being written."""
@@ -35,7 +45,7 @@ class Batch:
 
     Attributes:
         folder: the data set.
-        files: for each run its .mcap file.
+        bags: for each run its bag folder or .mcap file.
         names: for each run the name of its file or bag folder, as for people.
         finished: number of recordings that the data set holds already.
         skipped: why files or folders are skipped, by their names.
@@ -44,7 +54,7 @@ class Batch:
     """
 
     folder: Path
-    files: Mapping[str, Path]
+    bags: Mapping[str, Path]
     names: Mapping[str, str]
     finished: int
     skipped: Mapping[str, str]
@@ -134,10 +144,11 @@ def plan_batch(
         if isinstance(found, BagError):
             skipped[name] = str(found).removeprefix(f"{name}: ")
             continue
-        if found in seen:
+        file = find_file(found).resolve()
+        if file in seen:
             continue
-        seen.add(found)
-        run, identity = known.get(text_of(found), ("", None))
+        seen.add(file)
+        run, identity = known.get(text_of(file), ("", None))
         same = [
             name
             for name, old in (moved if identity is None else [(run, identity)])
@@ -146,7 +157,7 @@ def plan_batch(
         if same and identity is not None:
             finished += 1
             continue
-        run = run or (same[0] if same else _new_name(found, taken))
+        run = run or (same[0] if same else _new_name(file, taken))
         moved = [one for one in moved if one[0] != run]  # its rows are replaced, as they name the file
         taken.add(run)
         left[run], names[run] = found, name
@@ -175,12 +186,12 @@ def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress
 
 def _run_alone(batch: Batch, workers: int | None, scheduler: str | None, progress: Callable[[float], None]) -> Report:
     _remove_halves(batch.folder)
-    runs, files = list(batch.files), list(batch.files.values())
-    sizes = [file.stat().st_size + 1 for file in files]
+    runs, bags = list(batch.bags), list(batch.bags.values())
+    sizes = [find_file(bag).stat().st_size + 1 for bag in bags]
     report = Report(batch.finished, skipped=dict(batch.skipped), left=len(runs))
     through = 0
     try:
-        with closing(_outcomes(batch, files, workers, scheduler)) as outcomes:
+        with closing(_outcomes(batch, bags, workers, scheduler)) as outcomes:
             for k, outcome in outcomes:
                 with _interrupts_held():
                     _add(batch.folder, runs[k], outcome)
@@ -201,10 +212,10 @@ def _run_alone(batch: Batch, workers: int | None, scheduler: str | None, progres
 
 
 def _outcomes(
-    batch: Batch, files: Sequence[Path], workers: int | None, scheduler: str | None
+    batch: Batch, bags: Sequence[Path], workers: int | None, scheduler: str | None
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Analyse files, and yield the number of each with its outcome, in the order in which they finish."""
-    jobs = [(str(file), batch.scene, batch.namespace) for file in files]
+    """Analyse recordings, and yield the number of each with its outcome, in the order in which they finish."""
+    jobs = [(str(bag), batch.scene, batch.namespace) for bag in bags]
     if scheduler is not None:
         from .cluster import connect
 
@@ -246,12 +257,13 @@ def _parts(folder: Path) -> list[Path]:
 
 
 def _find_recordings(paths: Sequence[Path]) -> Iterator[tuple[str, Path | BagError]]:
-    """Find the .mcap files of files, bag folders and folders of them; or why there are none."""
+    """Find bag folders and .mcap files, in folders of them too; or why there are none."""
     for path in paths:
         inside = _bags_in(path) if path.is_dir() else [path]
         for bag in inside or [path]:
             try:
-                yield str(bag), find_file(bag).resolve()
+                find_file(bag)
+                yield str(bag), bag.resolve()
             except BagError as error:
                 yield str(bag), error
 
@@ -264,17 +276,15 @@ def _bags_in(folder: Path) -> list[Path]:
         if "metadata.yaml" in files:
             found.append(Path(place))
         else:
-            found += [Path(place, name) for name in sorted(files) if name.endswith(".mcap")]
+            found += [Path(place, name) for name in sorted(files) if name.endswith((".mcap", ".mcap.zstd"))]
     return found
 
 
-def _is_unchanged(file: Path, identity: Identity) -> bool:
-    """Return whether a file is the one that was analysed; its contents decide where the times differ."""
-    about = file.stat()
-    if about.st_size != identity.size:
-        return False
-    same_times = text_of(file) == identity.recording and about.st_mtime_ns == identity.modified_ns
-    return same_times or digest_of(file) == identity.digest
+def _is_unchanged(bag: Path, before: Identity) -> bool:
+    """Return whether a recording is the one that was analysed; its contents decide where the times differ."""
+    recording, size, modified_ns = describe_files(bag)
+    same_times = recording == before.recording and modified_ns == before.modified_ns
+    return size == before.size and (same_times or digest_of(bag) == before.digest)
 
 
 def _new_name(file: Path, taken: set[str]) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
+import functools
 import json
 import shutil
 from collections import Counter
@@ -17,10 +19,14 @@ from mcap.records import Attachment, Channel, Schema
 
 from crawler_model import Scene, SceneError
 
+from .bag_files import Held, compare_with_promises, expanded, list_files, read_promises
+from .bag_files import find_file as find_file
+from .bag_files import find_files as find_files
 from .bag_folder import list_bags
 from .blocks import BagError as BagError
 from .blocks import Block as Block
 from .blocks import Contents, read_file
+from .log_order import Piece, bound_memory, merge, piece_of
 
 if TYPE_CHECKING:
     from .bag_writer import BagWriter
@@ -47,76 +53,29 @@ def recorded_scene(path: Path, attachments: Mapping[str, Any]) -> Scene | None:
         raise BagError(f"{path}: invalid scene in the recording: {error}") from None
 
 
-def find_files(path: Path) -> list[Path]:
-    """Find the .mcap files of a recording, in order.
-
-    A recorder may split a recording into files NAME_0.mcap, NAME_1.mcap and so on in one folder.
-
-    Args:
-        path: a bag folder or an .mcap file.
-
-    Returns:
-        The files.
-
-    Raises:
-        BagError: when there is no .mcap file, there are several that are not parts of one recording, or one has another
-            format.
-    """
-    if path.is_dir():
-        files = sorted(path.glob("*.mcap"))
-        if not files:
-            inside = [p.name for p in sorted(path.iterdir()) if p.is_dir() and any(p.glob("*.mcap"))]
-            hint = f"; it holds the recordings {', '.join(inside[:5])}" if inside else ""
-            raise BagError(f"{path}: no .mcap file in this folder{hint}")
-        if len(files) > 1:
-            parts = [(file.stem.rpartition("_"), file) for file in files]
-            if len({stem for (stem, _, _), _ in parts}) > 1 or not all(number.isdigit() for (_, _, number), _ in parts):
-                raise BagError(f"{path}: {len(files)} .mcap files in this folder; name one of them")
-            files = [file for _, file in sorted(parts, key=lambda part: int(part[0][2]))]
-    elif path.is_file():
-        files = [path]
-    else:
-        raise BagError(f"{path}: no such file or folder")
-    for file in files:
-        with file.open("rb") as stream:
-            if not b"\x89MCAP0\r\n".startswith(stream.read(8)):  # a file that has just begun may be shorter
-                scene = "; a scene is run by crawler simulate" if file.suffix in (".yaml", ".yml") else ""
-                raise BagError(f"{file}: not an MCAP file{scene}")
-    return files
-
-
-def find_file(path: Path) -> Path:
-    """Find the .mcap file of a recording; the first one of several.
-
-    Args:
-        path: a bag folder or an .mcap file.
-
-    Returns:
-        The file.
-
-    Raises:
-        BagError: as for `find_files`.
-    """
-    return find_files(path)[0]
-
-
 @dataclass
 class Bag:
-    """The contents of a recording besides its messages, complete once it has been read to the end."""
+    """The contents of a recording besides its messages."""
 
     attachments: dict[str, Any]
     """Those in JSON, decoded, by name."""
     complete: bool = False
+    """Whether the files have their ends and all messages counted there, and are those that metadata.yaml lists."""
     damaged: int = 0
-    """Number of chunks that could not be read and were skipped."""
+    """Number of chunks, and of compressed messages, that could not be read and were skipped."""
     lost: int | None = None
-    """Number of messages counted at the end of the files but not found in them; None when an end is missing."""
+    """Number of messages counted at the end of the files but not found in them; None when an end is missing, or when
+    something is damaged and nothing is counted."""
+    ended: bool = False
+    """Whether all files have their ends."""
+    missing: tuple[str, ...] = ()
+    """A line for each file that is not there, has no end, or holds other messages than are counted."""
     channels: dict[int, tuple[Channel, Schema]] = field(default_factory=dict)
     """By number in the blocks."""
     attached: list[Attachment] = field(default_factory=list)
     """All attachments as recorded."""
     counts: Counter[str] = field(default_factory=Counter)
-    """Number of messages by topic; counted by `examine` alone."""
+    """Number of messages by topic."""
 
     def find(self, block: Block, topic: str) -> np.ndarray:
         """Return the indices of a topic's messages in a block, shape (K,); a topic may have several channels."""
@@ -124,65 +83,110 @@ class Bag:
         return np.flatnonzero(np.isin(block.channel, numbers))
 
     def _keep(self, contents: Contents) -> None:
-        """Keep the attachments of a file that were read since the last call."""
-        new, contents.attachments = contents.attachments, []
-        self.attached += new
-        for attachment in new:
+        """Keep the attachments of a file."""
+        self.attached += contents.attachments
+        for attachment in contents.attachments:
             if attachment.media_type == "application/json":
                 with contextlib.suppress(ValueError, RecursionError):  # not JSON, or nested too deeply
                     self.attachments[attachment.name] = json.loads(attachment.data)
 
-    def _number(self, contents: Contents, numbers: dict[int, int]) -> None:
+    def _number(self, contents: Contents, part: int, numbers: np.ndarray) -> None:
         """Number the channels of a file that were read since the last call; parts of a recording share channels."""
         known = {(channel.topic, schema.name): number for number, (channel, schema) in self.channels.items()}
-        for local in contents.channels.keys() - numbers.keys():
-            channel = contents.channels[local]
+        for local, channel in contents.channels.items():
             schema = contents.schemas.get(channel.schema_id)
-            if schema is not None:
+            if numbers[local] < 0 and schema is not None:
                 free = local if local not in self.channels else max(self.channels) + 1
-                again = known.get((channel.topic, schema.name), free) if contents.part else free
+                again = known.get((channel.topic, schema.name), free) if part else free
                 numbers[local] = again
                 self.channels.setdefault(again, (channel, schema))
 
 
 def read_blocks(path: Path, bag: Bag, progress: Callable[[float], None] | None = None) -> Iterator[Block]:
-    """Read all messages, a chunk at a time and without an object for each message.
+    """Read all messages in the order of their reception, many at a time and without an object for each message.
 
     Args:
         path: a bag folder or an .mcap file.
-        bag: filled with attachments and channels as they are read, and with whether the recording is complete.
+        bag: filled with all that the recording holds besides, before the first block.
         progress: called with the fraction read, in [0, 1].
 
     Yields:
-        The messages in the order of the files, up to their end or to where one breaks off.
+        The messages of described channels, up to where the last readable file breaks off.
 
     Raises:
         BagError: when the file is not a recording.
     """
+    known, pieces, ranks = _survey(path)
+    for entry in dataclasses.fields(Bag):
+        setattr(bag, entry.name, copy.copy(getattr(known, entry.name)))
+    yield from merge(pieces, ranks, progress)
+
+
+def _survey(path: Path) -> tuple[Bag, list[Piece], np.ndarray]:
+    """Read a recording once for all but its messages, and for where in log time these lie."""
     files = find_files(path)
-    found = promised = 0
-    ended = True
+    about = [file.stat() for file in files]
+    return _survey_files(path, tuple(files), tuple((one.st_size, one.st_mtime_ns) for one in about))
+
+
+@functools.lru_cache(maxsize=2)  # a verb reads a recording several times
+def _survey_files(
+    path: Path, files: tuple[Path, ...], _states: tuple[tuple[int, int], ...]
+) -> tuple[Bag, list[Piece], np.ndarray]:
+    bag, pieces = Bag({}, ended=True, lost=0), list[Piece]()
+    held, missing = list[Held](), list[str]()
     for part, file in enumerate(files):
-        contents, numbers = Contents(part=part), dict[int, int]()
-        done = None if progress is None else lambda share, part=part: progress((part + share) / len(files))
-        for block in read_file(file, contents, done):
-            bag._keep(contents)
-            bag._number(contents, numbers)
-            found += int(np.isin(block.channel, list(contents.channels)).sum())
-            yield block if part == 0 else _renumbered(block, numbers)
+        contents, numbers = Contents(), np.full(1 << 16, -1)
+        begin, plain, found = len(pieces), expanded(file), 0
+        for block in read_file(plain, contents):
+            bag._number(contents, part, numbers)
+            block = _described(block, path, numbers)
+            if block.size.size:
+                pieces.append(piece_of(block, functools.partial(_load, plain, block.begin, contents, path, numbers)))
+                found += block.size.size
+                for number, count in zip(*np.unique(block.channel, return_counts=True), strict=True):
+                    bag.counts[bag.channels[int(number)][0].topic] += int(count)
         bag._keep(contents)
+        contents.attachments = []
+        first = min((piece.first_ns for piece in pieces[begin:]), default=None)
+        held.append(Held(file, found, first, max((piece.last_ns for piece in pieces[begin:]), default=None)))
         bag.damaged += contents.damaged
-        promised += contents.promised
-        ended = ended and contents.ended
-    bag.complete = ended and found == promised
-    bag.lost = promised - found if ended else None
+        bag.ended = bag.ended and contents.ended
+        if not contents.ended:
+            bag.lost = None
+            missing += [f"the end of {file.name} is missing"] * (len(files) > 1)
+        elif contents.promised is None:
+            gone = len(contents.indexed) - contents.chunks
+            missing += [f"{file.name} has {contents.chunks} chunk(s), and lists {gone} more"] * (gone > 0)
+            bag.lost = None if contents.damaged else bag.lost
+        elif bag.lost is not None:
+            bag.lost += max(contents.promised - found, 0)
+            if found > contents.promised:
+                missing.append(f"{file.name} counts {contents.promised} message(s) at its end, but holds {found}")
+    if path.is_dir():
+        missing += compare_with_promises(read_promises(path), held)
+    bag.missing = tuple(missing)
+    bag.complete = bag.lost == 0 and not missing
+    topics = sorted({channel.topic for channel, _ in bag.channels.values()})
+    ranks = np.zeros(max(bag.channels, default=0) + 1, np.int64)
+    for number, (channel, _) in bag.channels.items():
+        ranks[number] = topics.index(channel.topic)
+    return bag, bound_memory(pieces, ranks), ranks
 
 
-def _renumbered(block: Block, numbers: Mapping[int, int]) -> Block:
-    """Replace the channel numbers of a file by those of its recording; -1 where nothing describes the channel."""
-    table = np.full(1 << 16, -1)
-    table[list(numbers)] = list(numbers.values())
-    return dataclasses.replace(block, channel=table[block.channel])
+def _load(file: Path, begin: int, contents: Contents, source: Path, numbers: np.ndarray) -> Block:
+    """Read a block of a file again."""
+    again = Contents(schemas=dict(contents.schemas), channels=dict(contents.channels))
+    block = next(read_file(file, again, begin), None)
+    if block is None:
+        raise BagError(f"{source}: the file was changed while it was read")
+    return _described(block, source, numbers)
+
+
+def _described(block: Block, source: Path, numbers: np.ndarray) -> Block:
+    """Replace the channel numbers of a file by those of its recording; leave out what nothing describes."""
+    block = dataclasses.replace(block, source=source, channel=numbers[block.channel])
+    return block if (block.channel >= 0).all() else block.take(np.flatnonzero(block.channel >= 0))
 
 
 class Record(NamedTuple):
@@ -202,14 +206,14 @@ class Record(NamedTuple):
 
 
 def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
-    """Read all messages in the order of the files, up to their end or to where one breaks off.
+    """Read all messages in the order of their reception.
 
     Args:
         path: a bag folder or an .mcap file.
-        bag: filled with the attachments as they are read, and with whether the recording is complete.
+        bag: filled with all that the recording holds besides, before the first message.
 
     Yields:
-        The messages whose channel is described.
+        The messages of described channels.
 
     Raises:
         BagError: when the file is not a recording.
@@ -218,31 +222,13 @@ def read(path: Path, bag: Bag | None = None) -> Iterator[Record]:
     for block in read_blocks(path, bag):
         columns = (block.channel, block.sequence, block.first, block.size, block.log_ns, block.publish_ns)
         for number, sequence, first, size, log_ns, publish_ns in zip(*(c.tolist() for c in columns), strict=True):
-            if number in bag.channels:
-                channel, schema = bag.channels[number]
-                data = block.data[first : first + size].tobytes()
-                yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema, number, sequence)
-
-
-def read_head(path: Path) -> Bag:
-    """Read the attachments of a recording that precede its first message.
-
-    Args:
-        path: a bag folder or an .mcap file.
-
-    Returns:
-        The contents found up to there.
-
-    Raises:
-        BagError: when the file is not a recording.
-    """
-    bag = Bag({})
-    next(iter(read(path, bag)), None)
-    return bag
+            channel, schema = bag.channels[number]
+            data = block.data[first : first + size].tobytes()
+            yield Record(channel.topic, schema.name, log_ns, publish_ns, data, channel, schema, number, sequence)
 
 
 def examine(path: Path) -> Bag:
-    """Read a recording to its end, for what it holds besides its messages.
+    """Read a recording for what it holds besides its messages.
 
     Args:
         path: a bag folder or an .mcap file.
@@ -254,10 +240,7 @@ def examine(path: Path) -> Bag:
         BagError: when the file is not a recording.
     """
     bag = Bag({})
-    for block in read_blocks(path, bag):
-        for number, count in Counter(block.channel.tolist()).items():
-            if number in bag.channels:
-                bag.counts[bag.channels[number][0].topic] += count
+    next(read_blocks(path, bag), None)
     return bag
 
 
@@ -271,7 +254,7 @@ def newest(path: Path) -> Path:
         The path itself if it is a recording, else the newest recording in the folder.
     """
     bags = list_bags(path)
-    return path if bags == [path] else max(bags, key=lambda bag: max(f.stat().st_mtime_ns for f in bag.glob("*.mcap")))
+    return path if bags == [path] else max(bags, key=lambda bag: max(f.stat().st_mtime_ns for f in list_files(bag)))
 
 
 def recover(path: Path, folder: Path) -> int:

@@ -7,6 +7,9 @@ import os
 from datetime import datetime
 from pathlib import Path
 
+PATTERNS = ("*.mcap", "*.mcap.zstd")
+"""Names of the files of recordings; rosbag2 compresses whole files with `--compression-mode file`."""
+
 
 def check_parent(parent: Path) -> None:
     """Check that bag folders can be created in a folder, and create that folder with its parents if it does not exist.
@@ -63,6 +66,6 @@ def list_bags(parent: Path) -> list[Path]:
     Returns:
         The bag folders by name; the path itself if it is a recording or holds none.
     """
-    bags = sorted({file.parent for file in parent.glob("*/*.mcap") if file.is_file()})
+    bags = sorted({file.parent for name in PATTERNS for file in parent.glob(f"*/{name}") if file.is_file()})
     is_bag = (parent / "metadata.yaml").exists()  # an .mcap file beside bag folders makes no bag of their parent
     return [parent] if is_bag or not bags else bags

@@ -181,7 +181,7 @@ class Decoder:
             layout = self._layouts.get(size)
             if layout is None:
                 data = table[0].tobytes()
-                layout, plain = self._find(data)
+                layout, plain = self._find(data, block)
                 if plain is data:
                     self._layouts[size] = layout
                     if len(self._layouts) > _MOST_LAYOUTS:
@@ -193,31 +193,34 @@ class Decoder:
             if same.any():
                 groups.append((at[same], *_read(layout, table[same])))
             for row in np.flatnonzero(~same):
-                own, plain = self._find(table[row].tobytes())
+                own, plain = self._find(table[row].tobytes(), block)
                 groups.append((at[row : row + 1], *_read(own, np.frombuffer(plain, np.uint8)[None])))
         return groups
 
-    def _find(self, data: bytes) -> tuple[Layout, bytes]:
+    def _find(self, data: bytes, block: Block) -> tuple[Layout, bytes]:
         """Find the layout of a message; re-encode it first if its encoding differs from ours."""
         try:
             layout = find_layout(self._kind, data)
         except ValueError:
-            data = self._reencode(data)
+            data = self._reencode(data, block)
             layout = find_layout(self._kind, data)
         if self.names is None:
             self.names = layout.names
         elif layout.names != self.names:
+            before, after = ", ".join(self.names[:4]), ", ".join(layout.names[:4])
             raise BagError(
-                f"{self.topic}: its joints change from {', '.join(self.names[:4])} to {', '.join(layout.names[:4])}: "
+                f"{block.source}: {self.topic}: its joints change from {before} to {after}: "
                 "two robots on one topic cannot be told apart"
             )
         return layout, data
 
-    def _reencode(self, data: bytes) -> bytes:
+    def _reencode(self, data: bytes, block: Block) -> bytes:
         from rosbags.typesys import Stores, get_typestore
 
         store = get_typestore(Stores.ROS2_JAZZY)
         try:
             return bytes(store.serialize_cdr(store.deserialize_cdr(data, self._kind), self._kind, little_endian=True))
         except Exception as error:
-            raise BagError(f"{self.topic}: a message of {len(data)} bytes is not a {self._kind} ({error})") from None
+            raise BagError(
+                f"{block.source}: {self.topic}: a message of {len(data)} bytes is not a {self._kind} ({error})"
+            ) from None

@@ -132,6 +132,8 @@ class Replay:
             "incidents": None if self.incidents is None else asdict(self.incidents),
             "resimulation": {
                 "ticks": 0 if compared is None else compared.ticks,
+                "compared": 0 if compared is None else compared.compared,
+                "left_out": 0 if compared is None else compared.left_out,
                 "max_difference": None if compared is None else compared.max_difference,
                 "identical": compared is not None and compared.identical,
                 "first_difference": None if compared is None else compared.first_difference,
@@ -299,21 +301,25 @@ def _follow(
 def _explain(survey: Survey, compared: Comparison, start: Crawler, fitted: int | None, method_known: bool) -> str:
     """Explain in one line why the states are identical, or what may have made them differ."""
     if compared.ticks == 0:
-        return "no state was compared: joint_states was not recorded" + (
-            f"; {compared.stopped}" if compared.stopped else ""
-        )
+        why = "no tick of the ledger leads to any" if compared.unmatched else "none was recorded"
+        return f"no state was compared: {why}" + (f"; {compared.stopped}" if compared.stopped else "")
+    counted = f"all {compared.ticks} recorded states compared"
     if fitted is not None:
         text = f"begins in mid-run: the state at {fitted / NS:g} s was read from the recording, up to rounding"
         if compared.identical:
-            return f"{text}; identical from there on"
+            return f"{text}; identical from there on ({counted})"
     elif compared.identical:
-        return "identical to the bit" + (f", up to the point where {compared.stopped}" if compared.stopped else "")
+        return f"identical to the bit ({counted})"
+    elif compared.first_difference is None:
+        text = f"the {compared.ticks} states compared are the same"
     else:
         text = f"first difference at {compared.first_difference:g} s, {compared.first_where}"
         if compared.equal:
             lengths, forces = compared.max_difference, compared.max_force_difference
             text = f"equal up to rounding, at most {lengths:.1g} m and {forces:.1g} N apart; {text}"
     reasons = []
+    if compared.left_out:
+        reasons.append(f"{compared.left_out} recorded states not compared: no tick of the ledger leads to them")
     if compared.stopped:
         reasons.append(compared.stopped)
     if compared.missing:
@@ -339,12 +345,13 @@ def _problems(
     other_scene: bool,
 ) -> list[str]:
     """List the problems, the worst first."""
-    found = []
-    if survey.lost is None:
+    found = list(survey.missing)
+    if not survey.ended:
         found.append("its end is missing; crawler replay --recover writes what can be read")
-    elif not survey.complete:
+    elif survey.lost != 0:
+        lost = "an unknown number of messages is" if survey.lost is None else f"{survey.lost} message(s) are"
         found.append(
-            f"damaged: {survey.damaged} chunk(s) cannot be read, {survey.lost} message(s) are lost; "
+            f"damaged: {survey.damaged} chunk(s) cannot be read, {lost} lost; "
             "crawler replay --recover writes the others"
         )
     if other_scene:

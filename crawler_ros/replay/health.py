@@ -37,7 +37,7 @@ _MOST_GAPS = 20
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """The stamps of a topic's messages and the times when they were received, in the order of the file.
+    """The stamps of a topic's messages and the times when they were received, in the order of their reception.
 
     Attributes:
         type: type of the topic.
@@ -57,11 +57,13 @@ class Survey:
     Attributes:
         path: the recording.
         attachments: data by name: scene, parameters, versions, start, node, topics.
-        complete: whether the file has its end and all messages counted there.
-        damaged: number of chunks that could not be read.
-        lost: number of messages counted at the end of the file but not found; None when that end is missing.
+        complete: whether the files have their ends and all messages counted there, and none is missing.
+        damaged: number of chunks and messages that could not be read.
+        lost: number of messages counted at the end of the files but not found; None when it is not known.
         topics: stamps of each topic by name.
         diagnostics: the last message of each node on /diagnostics.
+        ended: whether the files have their ends.
+        missing: a line for each file that is not there, has no end, or holds other messages than are counted.
     """
 
     path: Path
@@ -71,6 +73,8 @@ class Survey:
     lost: int | None
     topics: dict[str, Stamps]
     diagnostics: dict[str, Parts] = field(default_factory=dict)
+    ended: bool = True
+    missing: tuple[str, ...] = ()
 
     @property
     def messages(self) -> int:
@@ -97,20 +101,17 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
     types: dict[str, str] = {}
     diagnostics: dict[str, Parts] = {}
     for block in bag.read_blocks(path, head, progress):
-        for channel in np.unique(block.channel).tolist():
-            if channel not in head.channels:
-                continue
-            described, schema = head.channels[channel]
-            topic = described.topic
+        present = np.unique(block.channel).tolist()
+        for topic, kind in {head.channels[n][0].topic: head.channels[n][1].name for n in present}.items():
             if topic not in types:
-                types[topic] = schema.name
+                types[topic] = kind
                 stamps[topic], received[topic] = array("q"), array("q")
-            which = np.flatnonzero(block.channel == channel)
+            which = head.find(block, topic)
             received[topic].frombytes(block.log_ns[which].tobytes())
-            if schema.name == DIAGNOSTICS:
+            if types[topic] == DIAGNOSTICS:
                 for first, size in zip(block.first[which], block.size[which], strict=True):
                     diagnostics |= read_diagnostics(block.data[first : first + size].tobytes())
-            if schema.name in _STAMPED:
+            if types[topic] in _STAMPED:
                 which = which[block.size[which] >= 12]
                 words = block.data[block.first[which][:, None] + np.arange(4, 12)].copy().view("<i4").astype(np.int64)
                 stamps[topic].frombytes((words[:, 0] * NS + (words[:, 1] & 0xFFFFFFFF)).tobytes())
@@ -118,7 +119,8 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
         name: Stamps(kind, np.array(stamps[name], np.int64), np.array(received[name], np.int64))
         for name, kind in types.items()
     }
-    return Survey(path, head.attachments, head.complete, head.damaged, head.lost, topics, diagnostics)
+    counted = (head.complete, head.damaged, head.lost)
+    return Survey(path, head.attachments, *counted, topics, diagnostics, head.ended, head.missing)
 
 
 def choose_robot(survey: Survey, namespace: str | None) -> Robot:
@@ -190,7 +192,10 @@ def find_rate(survey: Survey, robot: Robot) -> Fraction | None:
             steps = np.diff(stamps.stamp_ns)
             steps = steps[steps > 0]
             if steps.size:
-                return rational_rate(round(NS / float(np.median(steps)), 6))
+                try:
+                    return rational_rate(round(NS / float(np.median(steps)), 6))
+                except CommandError:  # of stamps that are none
+                    return None
     return None
 
 

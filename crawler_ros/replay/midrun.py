@@ -46,16 +46,17 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
     states = Decoder(robot.recorded(source), JOINT_STATE)
     head = bag.Bag({})
     commands, seen = _FirstRun(), _FirstRun()
+    known, ends = None, list[int]()
     for block in bag.read_blocks(survey.path, head):
         commands.extend(ledger.read(block, head.find(block, ledger.topic)), -1)
         seen.extend(states.read(block, head.find(block, states.topic)), 0)
         ends = [next_tick_ns(ns, rate) for ns, _ in commands.messages]
         known = next(((ns, x) for ns, x in seen.messages if ends and ns >= ends[0]), None)
-        if known is not None:
-            _, row = commands.messages[int(np.searchsorted(ends, known[0], side="right")) - 1]
-            return _place(crawler, source, known[1], row), known[0]
-        if commands.ended or seen.ended:
+        if commands.ended or seen.ended or (known is not None and ends[-1] > known[0]):  # no earlier command can follow
             break
+    if known is not None:
+        _, row = commands.messages[int(np.searchsorted(ends, known[0], side="right")) - 1]
+        return _place(crawler, source, known[1], row), known[0]
     what = "no state after its first command is recorded" if commands.messages else "nothing is commanded in it"
     raise bag.BagError(f"{begins}, and {what}{' before it is reset' if commands.ended or seen.ended else ''}")
 

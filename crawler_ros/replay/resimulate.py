@@ -21,13 +21,13 @@ from ..wire.states import contact_names, joint_state_names, shown_contacts
 from .health import Survey, next_tick_ns
 from .ramp_rows import RampRows
 from .ramps import Sink
+from .runs import LEDGER, STATES, find_runs
 
 _MOST_WAITING = 20_000
 _ROUNDING = 1e-9
 """Differences up to this part of the largest number are taken for rounding, which grows along a run; in the plane those
 up to the tolerance of the scene, as other roundings there lead to other steps."""
-_LEDGER, _JOINTS = "applied_commands", "joint_states"
-_STATES = {_JOINTS: JOINT_STATE, "contact_states": JOINT_STATE, "pose": POSE}
+_KINDS = dict(zip(STATES, (JOINT_STATE, JOINT_STATE, POSE), strict=True))
 _AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
 
 
@@ -36,7 +36,8 @@ class Comparison:
     """The differences between recorded and simulated states.
 
     Attributes:
-        ticks: number of states compared.
+        ticks: number of states compared: messages of the first topic of states that was recorded.
+        compared: number of messages compared, of all topics of states.
         resets: number of times that simulated time returned to 0.
         max_difference: largest difference of a displacement or elongation [m].
         max_force_difference: largest difference of a force [N].
@@ -44,7 +45,9 @@ class Comparison:
         max_force: largest force recorded [N].
         first_difference: simulated time of the first difference [s]; None when there is none.
         first_where: the joint, its quantity, recorded and simulated value there.
-        unmatched: number of recorded states without a simulated one.
+        unmatched: number of recorded messages of states without a simulated one.
+        outside: number of those that lie outside the compared stretch: before the state at which the simulation begins,
+            or a tick after the end of the ledger.
         stopped: why the ledger could not be followed to its end; "" when it could.
         missing: number of ticks whose ledger message is missing.
         missing_at: simulated time of the first of them [s]; None when there is none.
@@ -53,6 +56,7 @@ class Comparison:
     """
 
     ticks: int = 0
+    compared: int = 0
     resets: int = 0
     max_difference: float = 0.0
     max_force_difference: float = 0.0
@@ -61,6 +65,7 @@ class Comparison:
     first_difference: float | None = None
     first_where: str = ""
     unmatched: int = 0
+    outside: int = 0
     stopped: str = ""
     missing: int = 0
     missing_at: float | None = None
@@ -68,15 +73,25 @@ class Comparison:
     rounding: float = _ROUNDING
 
     @property
+    def left_out(self) -> int:
+        """Number of recorded messages of the compared stretch that were not compared."""
+        return self.unmatched - self.outside
+
+    @property
+    def whole(self) -> bool:
+        """Whether all recorded states of the compared stretch were compared, and the stretch is not cut."""
+        return self.ticks > 0 and self.left_out == 0 and not self.stopped
+
+    @property
     def identical(self) -> bool:
-        """Whether every number compared has the same bits."""
-        return self.ticks > 0 and self.first_difference is None
+        """Whether every recorded number was compared and has the same bits."""
+        return self.whole and self.first_difference is None
 
     @property
     def equal(self) -> bool:
         """Whether all lengths and forces are the same up to rounding."""
         lengths = self.max_difference <= self.rounding * self.max_length
-        return self.ticks > 0 and lengths and self.max_force_difference <= self.rounding * self.max_force
+        return self.whole and lengths and self.max_force_difference <= self.rounding * self.max_force
 
 
 @dataclass(eq=False)
@@ -120,14 +135,19 @@ class Resimulation:
         self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
         self._row = self._crawler.row
         self._target = scene.columns.target(self._row)
-        self._run, self._last_ns, self._ticked = 0, self._begin_ns - 1, False
+        self._run, self._last_ns = 0, self._begin_ns - 1
         self._end_ns = self._begin_ns
-        self._waiting = {name: (_Unpaired(), _Unpaired()) for name in _STATES}
+        self._runs = find_runs(survey, robot)
+        self._seen = dict.fromkeys(self._runs, 0)
         self._decoders = {
             name: Decoder(robot.recorded(name), kind)
-            for name, kind in {_LEDGER: TRAJECTORY, **_STATES}.items()
-            if robot.recorded(name) in survey.topics
+            for name, kind in {LEDGER: TRAJECTORY, **_KINDS}.items()
+            if name in self._runs
         }
+        self._waiting = {name: (_Unpaired(), _Unpaired()) for name in STATES if name in self._runs}
+        self._first_ns = self._begin_ns
+        self._ends: dict[int, int] = {}  # of the ledger, in runs that are over
+        self._first_key: tuple[int, int, int] | None = None
 
     def run(self, progress: Callable[[float], None] | None = None) -> Comparison:
         """Read the recording once and simulate it.
@@ -141,90 +161,76 @@ class Resimulation:
         Raises:
             BagError: when the joints of the recording and of the scene differ.
         """
-        head = bag.Bag({})
+        head, result = bag.Bag({}), self.comparison
         self._send_start()
         for block in bag.read_blocks(self._survey.path, head, progress):
             self._add_block(block, head)
-            if self.comparison.stopped:
+            if result.stopped:
                 break
-        self.comparison.unmatched += sum(len(theirs.keys) for _, theirs in self._waiting.values())
-        return self.comparison
+        else:
+            while self._run < max(int(runs.number[-1]) for runs in self._runs.values()):
+                self._reset()  # no tick follows
+            self._compare_all()
+        for _, theirs in self._waiting.values():
+            self._give_up(theirs.keys)
+        return result
 
     def _add_block(self, block: bag.Block, head: bag.Bag) -> None:
-        places = {name: head.find(block, decoder.topic) for name, decoder in self._decoders.items()}
-        read = {name: self._decoders[name].read(block, which) for name, which in places.items() if which.size}
-        self._check_names()
-        resets = self._find_resets(places, read)
-        for name in _STATES:
-            for at, times, numbers in read.get(name, []):
-                where = places[name][at]
-                runs = self._run + np.searchsorted(resets, where, side="right")
-                self._store(name, 1, runs, times[:, 0], np.stack(numbers, axis=1))
-        self._follow_block(places.get(_LEDGER, np.zeros(0, np.int64)), read.get(_LEDGER, []), resets)
-        for name in _STATES:
-            self._compare(name)
+        ledger: list[Any] = []
+        for name, decoder in self._decoders.items():
+            which = head.find(block, decoder.topic)
+            if not which.size:
+                continue
+            groups = decoder.read(block, which)
+            self._check_names()
+            runs = self._runs[name].of(self._seen[name] + np.arange(which.size))
+            self._seen[name] += which.size
+            if name == LEDGER:
+                ledger = [(groups, runs)]
+                continue
+            for at, times, numbers in groups:
+                inside = (runs[at] > 0) | ((runs[at] == 0) & (times[:, 0] >= self._first_ns))
+                self.comparison.unmatched += int((~inside).sum())
+                self.comparison.outside += int((~inside).sum())
+                self._store(name, 1, runs[at][inside], times[inside, 0], np.stack(numbers, axis=1)[inside])
+        for groups, runs in ledger:
+            self._follow_block(groups, runs)
+        self._compare_all()
 
     def _check_names(self) -> None:
         wanted = {
-            _LEDGER: self._scene.columns.names,
-            _JOINTS: tuple(joint_state_names(self._body)),
+            LEDGER: self._scene.columns.names,
+            "joint_states": tuple(joint_state_names(self._body)),
             "contact_states": tuple(contact_names(self._scene.body)),
             "pose": (),
         }
         for name, decoder in self._decoders.items():
-            if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != _LEDGER):
+            if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != LEDGER):
                 raise bag.BagError(
                     f"{self._survey.path}: {decoder.topic} has {', '.join(decoder.names[:5])}, the scene "
                     f"{self._scene.name} {', '.join(wanted[name][:5])}: this is not the recorded scene"
                 )
 
-    def _find_resets(self, places: dict[str, np.ndarray], read: dict[str, list[Any]]) -> np.ndarray:
-        """Find where in a block simulated time returns to 0: at a state of time 0 after ticks."""
-        ledger = places.get(_LEDGER, np.zeros(0, np.int64))
-        found: list[int] = []
-        if _JOINTS in self._decoders:
-            groups = read.get(_JOINTS, [])
-            zero = np.sort(np.concatenate([places[_JOINTS][at[t[:, 0] == 0]] for at, t, _ in groups] or [ledger[:0]]))
-            before, ticked = 0, self._ticked
-            for place in zero.tolist():
-                ticks = int(np.searchsorted(ledger, place))
-                if ticked or ticks > before:
-                    found.append(place)
-                before, ticked = ticks, False
-            return np.array(found, dtype=np.int64)
-        order = sorted(
-            (int(ledger[i]), int(stamp))
-            for at, times, _ in read.get(_LEDGER, [])
-            for i, stamp in zip(at, times[:, 0], strict=True)
-        )
-        last = self._last_ns
-        for place, stamp in order:
-            if stamp == 0 and last > 0:
-                found.append(place)
-            last = stamp
-        return np.array(found, dtype=np.int64)
-
     def _reset(self) -> None:
+        self._ends[self._run] = self._end_ns
         self._crawler = self._start.copy()
         self._row = self._start.row
         self._target = self._scene.columns.target(self._start.row)
         self._run += 1
-        self._begin_ns, self._last_ns, self._ticked, self._end_ns = 0, -1, False, 0
+        self._begin_ns, self._last_ns, self._end_ns = 0, -1, 0
         self.comparison.resets += 1
         self._send_start()
 
-    def _follow_block(self, places: np.ndarray, groups: list[Any], resets: np.ndarray) -> None:
+    def _follow_block(self, groups: list[Any], runs: np.ndarray) -> None:
         """Follow the ledger's messages of a block, in order."""
         messages: list[tuple[int, int, np.ndarray, list[np.ndarray], int]] = []
         for at, times, numbers in groups:
-            for j, i in enumerate(at.tolist()):
-                messages.append((int(places[i]), int(times[j, 0]), times[j, 1:], numbers, j))
+            for j, place in enumerate(at.tolist()):
+                messages.append((place, int(times[j, 0]), times[j, 1:], numbers, j))
         messages.sort(key=lambda m: m[0])
-        turns = resets.tolist()
         rows = RampRows(self._scene, self._widths)
         for place, stamp, offsets, numbers, j in messages:
-            while turns and turns[0] < place:
-                turns.pop(0)
+            while self._run < runs[place]:
                 self._send(rows)
                 rows = RampRows(self._scene, self._widths)
                 self._reset()
@@ -240,8 +246,6 @@ class Resimulation:
                 break
             self._tick(rows, stamp, offsets, [n[j] for n in numbers])
         self._send(rows)
-        for _ in turns:
-            self._reset()
 
     def _tick(self, rows: RampRows, stamp: int, offsets: np.ndarray, points: list[np.ndarray]) -> None:
         if stamp > self._end_ns + 1:
@@ -268,7 +272,7 @@ class Resimulation:
         if before < end or not points:
             rows.add(self._run, before, end, True, self._row, self._target, crawler, None)
         rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
-        self._last_ns, self._end_ns, self._ticked = stamp, end, True
+        self._last_ns, self._end_ns = stamp, end
 
     def _send_start(self) -> None:
         """Send the state at the start of a run to the sinks, as a ramp without duration."""
@@ -283,17 +287,21 @@ class Resimulation:
         ends = np.array(rows.end_ns)[np.array(rows.ends_tick)]
         runs = np.array(rows.run)[np.array(rows.ends_tick)]
         states = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
-        for name, numbers in zip(_STATES, states, strict=True):
+        for name, numbers in zip(STATES, states, strict=True):
             self._store(name, 0, runs, ends, numbers)
         piece = rows.piece(self._shown)
         for sink in self._sinks:
             sink(piece)
 
     def _store(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
-        if name in self._decoders:
+        if name in self._waiting:
             waiting = self._waiting[name][side]
             waiting.keys += zip(runs.tolist(), ns.tolist(), strict=True)
             waiting.numbers.append(numbers)
+
+    def _compare_all(self) -> None:
+        for name in self._waiting:
+            self._compare(name)
 
     def _compare(self, name: str) -> None:
         """Compare the states whose counterparts have arrived; a bounded number of others wait."""
@@ -307,17 +315,25 @@ class Resimulation:
         if found.size:
             self._count(name, [theirs.keys[i] for i in found], numbers[pairs[found]], recorded[found])
         newest = max(theirs.keys)
-        left = [i for i, key in enumerate(ours.keys) if key > newest][-_MOST_WAITING:]
+        left = [i for i, key in enumerate(ours.keys) if key >= newest][-_MOST_WAITING:]  # a state may be repeated
         ours.keys, ours.numbers = [ours.keys[i] for i in left], [numbers[left]]
         latest = max(place)
         alone = np.flatnonzero(pairs < 0).tolist()
         rest = [i for i in alone if theirs.keys[i] > latest][-_MOST_WAITING:]
-        self.comparison.unmatched += len(alone) - len(rest)
+        self._give_up([theirs.keys[i] for i in set(alone) - set(rest)])
         theirs.keys, theirs.numbers = [theirs.keys[i] for i in rest], [recorded[rest]]
+
+    def _give_up(self, keys: list[tuple[int, int]]) -> None:
+        """Count states without a counterpart; a recording may end between the ledger of a tick and its states."""
+        for run, ns in keys:
+            end = self._ends.get(run, self._end_ns if run == self._run else ns)
+            self.comparison.outside += end < ns <= next_tick_ns(end, self._rate) + 1
+        self.comparison.unmatched += len(keys)
 
     def _count(self, name: str, keys: list[tuple[int, int]], ours: np.ndarray, theirs: np.ndarray) -> None:
         result = self.comparison
-        if name == _JOINTS:
+        result.compared += len(keys)
+        if name == next(iter(self._waiting)):
             result.ticks += len(keys)
         size = np.nan_to_num(np.abs(theirs), nan=0.0)
         result.max_length = max(result.max_length, float(size[:, 0].max(initial=0.0)))
@@ -328,10 +344,12 @@ class Resimulation:
         apart = np.nan_to_num(np.abs(ours - theirs), nan=0.0)
         result.max_difference = max(result.max_difference, float(apart[:, 0].max()))
         result.max_force_difference = max(result.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
-        row, quantity, place = (int(v) for v in np.argwhere(wrong)[0])
-        seconds = keys[row][1] / NS
-        if result.first_difference is None:
-            result.first_difference = seconds
+        differing = np.flatnonzero(wrong.any(axis=(1, 2))).tolist()
+        row = min(differing, key=lambda i: keys[i])
+        first = (*keys[row], STATES.index(name))
+        if self._first_key is None or first < self._first_key:
+            self._first_key, result.first_difference = first, keys[row][1] / NS
+            quantity, place = (int(v) for v in np.argwhere(wrong[row])[0])
             label = ((self._decoders[name].names or ()) + _AXES)[place]
             what = ("position", "velocity", "effort")[quantity]
             pair = f"recorded {theirs[row, quantity, place]:.17g}, simulated {ours[row, quantity, place]:.17g}"

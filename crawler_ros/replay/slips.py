@@ -90,9 +90,9 @@ class SlipFinder:
     def _add_run(self, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
         direction = sliding(gained)
         size = np.linalg.norm(gained, axis=2) if self._planar else np.abs(gained)
-        total = np.zeros((gained.shape[0] + 1, gained.shape[1], 3))
-        np.cumsum(size, axis=0, out=total[1:, :, 0])
-        np.cumsum(gained if self._planar else gained[..., None], axis=0, out=total[1:, :, 1 : 1 + 1 + self._planar])
+        parts = np.zeros((gained.shape[0], gained.shape[1], 3))
+        parts[..., 0] = size
+        parts[..., 1 : 2 + self._planar] = gained if self._planar else gained[..., None]
         changed = np.flatnonzero((direction != np.vstack((self._direction[None], direction[:-1]))).any(axis=0))
         for contact in changed.tolist():
             column = direction[:, contact]
@@ -100,19 +100,19 @@ class SlipFinder:
             at = 0
             for edge in edges.tolist():
                 if self._direction[contact]:
-                    self._extend(contact, total[edge, contact] - total[at, contact], end_ns[edge - 1], edge > at)
+                    self._extend(contact, parts[at:edge, contact], end_ns[edge - 1])
                     self._close([contact])
                 self._direction[contact], at = column[edge], edge
                 self._since[contact], self._sum[contact] = start_ns[edge], 0.0
             if self._direction[contact]:
-                self._extend(contact, total[-1, contact] - total[at, contact], end_ns[-1], True)
+                self._extend(contact, parts[at:, contact], end_ns[-1])
         unchanged = np.setdiff1d(np.flatnonzero(self._direction), changed)
-        self._sum[unchanged] += total[-1, unchanged]
+        self._sum[unchanged] = _add_in_order(self._sum[unchanged], parts[:, unchanged])
         self._until[unchanged] = end_ns[-1]
 
-    def _extend(self, contact: int, gained: np.ndarray, end_ns: int, later: bool) -> None:
-        self._sum[contact] += gained
-        if later:
+    def _extend(self, contact: int, parts: np.ndarray, end_ns: int) -> None:
+        self._sum[contact] = _add_in_order(self._sum[contact], parts)
+        if parts.size:
             self._until[contact] = end_ns
 
     def _close(self, contacts: np.ndarray | list[int]) -> None:
@@ -134,6 +134,11 @@ class SlipFinder:
         table = np.array(self._found, dtype=_ROW) if self._found else np.zeros(0, dtype=_ROW)
         table = table[np.lexsort((table["contact"], table["start_ns"], table["run"]))]
         return Slips(*(np.ascontiguousarray(table[name]) for name in _ROW.names or ()))
+
+
+def _add_in_order(begin: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Add parts one after another, so that the bits of a sum do not depend on how pieces divide the run."""
+    return np.cumsum(np.concatenate((begin[None], parts)), axis=0)[-1]
 
 
 _ROW = np.dtype(

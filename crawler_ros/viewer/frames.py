@@ -216,7 +216,7 @@ def frames_of_recording(
     """
     from ..recording import bag
 
-    head = bag.read_head(path)
+    head = bag.examine(path)
     if scene is None:
         scene = bag.recorded_scene(path, head.attachments)
         if scene is None:

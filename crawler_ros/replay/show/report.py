@@ -25,7 +25,8 @@ def print_replay(replay: Replay, screen: Console) -> None:
         screen: the console to print to.
     """
     survey = replay.survey
-    state = "complete" if survey.complete else "incomplete: its end is missing" if survey.lost is None else "damaged"
+    state = "complete" if survey.complete else "damaged" if survey.ended else "incomplete: its end is missing"
+    state = "incomplete" if not survey.complete and survey.ended and survey.lost == 0 else state
     origin = survey.attachments.get("recovered")
     if isinstance(origin, dict):
         state += f" (recovered from {origin.get('from')})"
