@@ -80,30 +80,7 @@ def _finish_contacts(contacts, model, ramp, target, springs):
 
 
 @inlined
-def _finish_spring(contacts, spring, model, ramp, length):
-    """Advance a spring to the end of what was followed of the ramp; returns its energy.
-
-    Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
-    of a stiff spring beside soft ones is a difference of large numbers.
-    """
-    a, b = contacts[spring.a], contacts[spring.b]
-    if not finish_bend(contacts, spring, model.curves, ramp, length):
-        advance_spring(spring, model.curves, ramp, ramp.s)
-        spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
-        if spring.moved:
-            z = (b.x - a.x) + (b.rest - a.rest)
-            tension = spring.stiffness * (z - spring.length)
-            leash = leash_of(contacts, spring, ramp)
-            spring.tension = min(max(spring.tension, tension - leash), tension + leash)
-            spring.elongation = z
-            spring.still_tension, spring.still_length = spring.tension, spring.length
-        else:
-            spring.tension = spring.still_tension - spring.stiffness * (spring.length - spring.still_length)
-    a.force += spring.tension
-    b.force -= spring.tension
-    return energy_of(spring, model.curves)
-
-
+def _finish_spring(contacts, springs, spring, model, ramp, length):
 @lean
 def _softest(springs, ends, c):
     """Find the largest compliance of the springs of a contact [m/N]."""
@@ -113,13 +90,42 @@ def _softest(springs, ends, c):
     return most
 
 
+    """Advance a spring to the end of what was followed of the ramp; returns its energy.
+
+    Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
+    of a stiff spring beside soft ones is a difference of large numbers. What it is corrected by for this is an error of
+    forces, which soft springs beside it turn into one of displacements.
+    """
+    a, b = contacts[spring.a], contacts[spring.b]
+    if not finish_bend(contacts, spring, model.curves, ramp, length):
+        advance_spring(spring, model.curves, ramp, ramp.s)
+        spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
+        if spring.moved:
+            z = (b.x - a.x) + (b.rest - a.rest)
+            tension = spring.stiffness * (z - spring.length)
+            leash = leash_of(contacts, spring, ramp)
+            kept = min(max(spring.tension, tension - leash), tension + leash)
+            if kept != spring.tension:
+                softest = max(_softest(springs, model.ends, a), _softest(springs, model.ends, b))
+                ramp.corrected = max(ramp.corrected, abs(kept - spring.tension) * softest)
+                spring.tension = kept
+            spring.elongation = z
+            spring.still_tension, spring.still_length = spring.tension, spring.length
+        else:
+            spring.tension = spring.still_tension - spring.stiffness * (spring.length - spring.still_length)
+    a.force += spring.tension
+    b.force -= spring.tension
+    return energy_of(spring, model.curves)
+
+
 @inlined
 def _certify(contacts, springs, ends, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
 
-    The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions.
+    The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions,
+    as is that which the corrections of tensions lead to.
     """
-    rounding = wrong = 0.0
+    rounding, wrong = ramp.corrected, 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below = c.forward - c.force, c.backward + c.force
@@ -138,9 +144,9 @@ def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
     wake_all(contacts, springs, model.runs, ramp)
     _finish_contacts(contacts, model, ramp, target, springs.shape[0])
-    stored = 0.0
+    stored = ramp.corrected = 0.0
     for j in range(springs.shape[0]):
-        stored += _finish_spring(contacts, springs[j], model, ramp, target[j])
+        stored += _finish_spring(contacts, springs, springs[j], model, ramp, target[j])
     _certify(contacts, springs, model.ends, ramp)
     if ramp.s == 1.0:
         ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from ...compiled import inlined
+from ...compiled import inlined, lean
 from ...rounding import CRITICAL, EPS, NOISE
+
+_WIDE = 1e4
+"""Ratio of compliances beyond which the rounding of a tension is none of the elongation of a soft spring."""
 
 
 @inlined
@@ -78,11 +81,33 @@ def _slide_run(block, first, stop, flow):
         for j in range(stop, first, -1):
             v -= elongation_rate(block[j].flow, block[j].trial, block[j].compliance)
             block[j - 1].v = v
+    elif block[stop].spring >= 0:
+        _close_run(block, first, stop)
     for j in range(first, stop):
         e = block[j]
         small = abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way)
         if small and e.run < 0:
             e.v = 0.0
+
+
+@lean
+def _close_run(block, first, stop):
+    """Compute the velocities of a run from both contacts at rest up to its softest spring, if that is much softer.
+
+    A soft spring turns the rounding of its tension into one of its elongation. It must not be added to the velocities
+    behind the spring: the tension of a stiff spring there would no longer be that of its length.
+    """
+    softest, least = first, block[first].compliance
+    for j in range(first + 1, stop + 1):
+        least = min(least, block[j].compliance)
+        if block[j].compliance > block[softest].compliance:
+            softest = j
+    if block[softest].compliance <= _WIDE * least:
+        return
+    v = 0.0
+    for j in range(stop, softest, -1):
+        v -= elongation_rate(block[j].flow, block[j].trial, block[j].compliance)
+        block[j - 1].v = v
 
 
 @inlined

@@ -303,6 +303,7 @@ RAMP = np.dtype(
         ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
         ("drawn", _INT),  # number of contacts that take part in the present fall
         ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
+        ("corrected", _FLOAT),  # what the corrections of tensions, where a part of the ramp ends, change in them [m]
         ("span", _FLOAT),  # a length whose rounding is that of all positions [m]
         ("jumps", _INT),  # number of jumps of the present call
         ("lost", _FLOAT),  # energy lost in jumps [J]
