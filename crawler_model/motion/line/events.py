@@ -142,7 +142,7 @@ def _solve_around(contacts, springs, model, ramp, i):
     while True:
         ramp.woken = 0
         count = find_block(contacts, springs, model, model.matrix, ramp, i)
-        if find_due(contacts, model.block, model.ground, ramp, count):
+        if not ramp.stepping and find_due(contacts, model.block, model.ground, ramp, count):
             return False
         if find_sides(contacts, springs, model, ramp, count):
             if not passes_guard(contacts, model.block, ramp, count):

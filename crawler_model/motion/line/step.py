@@ -11,6 +11,8 @@ from .springs.parts import begin_parts, find_pull, next_part
 
 MOST_TURNS = 30
 """Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
+_LEAST_EFFORT = 1000
+"""Contacts solved, for each contact, before an implicit step is given up: it must end a ramp whose budget is spent."""
 _SMALLEST_PART = 2.0**-20
 """Part of the commands of an implicit step below which the search for its solution is not divided any more."""
 
@@ -80,6 +82,7 @@ def take_step(contacts, springs, model, ramp):
         Whether it has a solution.
     """
     solved, step, divided = 0.0, 1.0, False
+    most = ramp.effort + max(ramp.budget, _LEAST_EFFORT * contacts.shape[0])
     ramp.stepping = 1
     keep_part(contacts, model, model.curves, solved)
     while solved < 1.0:
@@ -91,7 +94,7 @@ def take_step(contacts, springs, model, ramp):
             else:
                 solved, step = ramp.part, 2.0 * step
                 keep_part(contacts, model, model.curves, solved)
-        elif ramp.hurries and ramp.effort <= ramp.budget:
+        elif ramp.hurries and ramp.effort <= most:
             step, divided = 0.5 * step, True
             return_to_part(contacts, springs, model, model.curves, ramp)
         else:

@@ -13,6 +13,7 @@ from crawler_model import Crawler, Scene
 from crawler_model.motion.jump import Jump
 from crawler_model.motion.state import DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, UNSOLVED, WORK
 
+from ..bodies import Drawn
 from ..rational_bends import NotUniqueError, RationalBentBody, RationalCurve, RationalGround, RationalLink
 from ..test_patches import ice, two
 
@@ -269,6 +270,24 @@ def test_a_step_that_completes_a_ramp_finds_the_ground_that_it_leads_to() -> Non
     spent, exact = Followed(two(ice()), budget=0), Followed(two(ice()))
     np.testing.assert_allclose(spent.stretch(*lengths)[-1], exact.stretch(*lengths)[-1], rtol=0, atol=1e-12)
     assert spent.account[OVERSPENT]
+
+
+@pytest.mark.parametrize("kind", ["chain on patches", "graph on patches"])
+def test_a_step_that_completes_a_ramp_finishes_its_falls(kind: str) -> None:
+    """However early the budget is spent, and wherever contacts stand then: before a border, on it, or in a fall."""
+    spent = 0
+    for seed in (*range(40), 64, 72, 93, 226, 316, 442):
+        scene = Drawn(kind, seed, bool(seed & 1), bool(seed & 2), bool(seed & 4)).driven().scene
+        for budget in (0, 5, 10, 20, 30, 60):
+            crawler = Crawler(scene, budget=budget)
+            for target in scene.drive.targets[1:]:
+                step = crawler.follow(target[None].copy())
+                assert step.unsolved == 0, (seed, budget)
+                assert step.certificate.violation < 1e-12, (seed, budget)
+                assert crawler.margins.min() > -1e-12, (seed, budget)
+                assert np.array_equal(crawler.actuation, target[: scene.body.springs])
+                spent += step.overspent
+    assert spent > 100
 
 
 def test_jumps_beyond_the_room_for_them_are_found_in_a_second_run() -> None:

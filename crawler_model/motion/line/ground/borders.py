@@ -156,6 +156,29 @@ def leave_border(c, ground, ramp, i):
 
 
 @lean
+def _hold_beyond(foot, ground, coming, s):
+    """Compute the bound beyond a border, as `_hold`."""
+    if coming == AHEAD:
+        return _hold(foot, ground, foot.place // 2 + 1, FORWARD, s)
+    return _hold(foot, ground, (foot.place + 1) // 2 - 1, BACKWARD, s)
+
+
+@lean
+def _exceeds(c, foot, ground, coming, ramp):
+    """Determine whether the force on a contact is more than the ground beyond a border holds."""
+    beyond = _hold_beyond(foot, ground, coming, ramp.rests if ramp.falling else ramp.s)
+    force = c.force if coming == AHEAD else -c.force
+    return force - beyond > CRITICAL * (abs(beyond) + abs(force) + abs(c.load))
+
+
+@lean
+def put_on_border(c, foot, ground, j):
+    """Put a contact onto border j, but for its bounds."""
+    c.x, c.rest = ground.borders[j] - foot.home, 0.0
+    foot.place = 2 * j + 1
+
+
+@lean
 def compare(c, foot, ground, coming, ramp):
     """Compare the bound beyond a border with the bound in force, which in a fall is not that of the ground.
 
@@ -163,12 +186,8 @@ def compare(c, foot, ground, coming, ramp):
         -1 if it is less, 0 if they are equal, 1 if it is more.
     """
     s, commanded = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s
-    if coming == AHEAD:
-        beyond = _hold(foot, ground, foot.place // 2 + 1, FORWARD, commanded)
-        force = c.forward + s * c.d_forward
-    else:
-        beyond = _hold(foot, ground, (foot.place + 1) // 2 - 1, BACKWARD, commanded)
-        force = c.backward + s * c.d_backward
+    beyond = _hold_beyond(foot, ground, coming, commanded)
+    force = c.forward + s * c.d_forward if coming == AHEAD else c.backward + s * c.d_backward
     if abs(beyond - force) <= CRITICAL * (abs(beyond) + abs(force) + abs(c.load)):
         return 0
     return -1 if beyond < force else 1
@@ -191,9 +210,8 @@ def reach_border(c, ground, ramp, i):
     order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
     j = border_of(foot, ground, coming)
-    c.x, c.rest = ground.borders[j] - foot.home, 0.0
+    put_on_border(c, foot, ground, j)
     close_jump(c, ground, ramp, i)
-    foot.place = 2 * j + 1
     if order >= 0:
         set_bound(c, foot, ground, side, ramp)
         c.fallen &= ~side
@@ -264,11 +282,9 @@ def rest_on_border(c, ground, ramp, i):
         return
     order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
-    if order < 0 and c.at & side:
+    if order < 0 and (c.at & side or _exceeds(c, foot, ground, coming, ramp)):
         return
-    j = border_of(foot, ground, coming)
-    c.x, c.rest = ground.borders[j] - foot.home, 0.0
-    foot.place = 2 * j + 1
+    put_on_border(c, foot, ground, border_of(foot, ground, coming))
     set_bound(c, foot, ground, side, ramp)
     _set_load(c, foot, ground, ramp)
     if order > 0:

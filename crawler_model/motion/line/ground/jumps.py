@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ....compiled import inlined, lean
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
-from .borders import border_of, close_jump, gap_of, open_jump, rest_on_border, set_bounds
+from .borders import ROUNDING, border_of, close_jump, gap_of, open_jump, put_on_border, rest_on_border, set_bounds
 
 
 @inlined
@@ -66,7 +66,7 @@ def finish_bounds(c, ground, ramp, target, i, n):
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
     _finish_command(foot, ramp, target, i, n)
     set_bounds(c, foot, ground, ramp)
-    if ramp.stepping:
+    if ramp.stepping and s == 1.0:  # a step without a solution leaves the rest of a fall to the next ramp
         close_jump(c, ground, ramp, i)
         c.fallen = 0
     if c.fallen & FORWARD:
@@ -83,7 +83,7 @@ def place_anew(contacts, ground, ramp):
     Returns:
         Whether any falls.
     """
-    falls = False
+    falls, near = False, ROUNDING * ramp.span
     for i in range(contacts.shape[0]):
         c, foot = contacts[i], ground.feet[i]
         direction = 1 if gap_of(c, foot, ground, AHEAD, c.since) < 0.0 else 0
@@ -92,8 +92,10 @@ def place_anew(contacts, ground, ramp):
         if direction == 0:
             continue
         border = border_of(foot, ground, coming)
-        while gap_of(c, foot, ground, coming, c.since) < 0.0:
+        while gap_of(c, foot, ground, coming, c.since) < -near:
             foot.place += 2 * direction if foot.place % 2 == 0 else direction
+        if foot.place % 2 == 0 and gap_of(c, foot, ground, coming, c.since) <= near:
+            put_on_border(c, foot, ground, border_of(foot, ground, coming))
         set_bounds(c, foot, ground, ramp)
         c.at = 0
         excess = c.force - c.forward if direction > 0 else -c.force - c.backward
