@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-FEW_CONTACTS = 256
-"""Contacts up to which the margin is computed at every event; in larger bodies at the ends of ramps."""
-
 
 def visited_margin(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> float:
     """Compute how close all contacts are to sliding at once in one state.

@@ -111,7 +111,7 @@ def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     if "bent" in body.kind and not one.unique:
         return
     assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
-    if method == "exact":
+    if not Crawler(body.driven().scene, method).visited_margin_sampled:
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 

@@ -15,9 +15,12 @@ FORCED = {
     "asleep": {"LONG": 2, "FAN": 2, "SHORTEST_BLOCK": 2},  # two contacts that slide side by side fall asleep
     "projected": {"SOON": 0},  # every search for sides on a path begins with a projection
     "one_by_one": {"PATIENCE": 0},  # every search exchanges contacts one by one, and steps are divided
+    "few": {"FEW_CONTACTS": 0},  # critical states are looked for only where rates are new, margins where ramps end
+    "knots": {"TOGETHER": 0, "TURNS": 0},  # springs pass knots one after another, by Murty's rule
 }
 SLEEPERS = [("chain", "exact"), ("segment", "exact")]
 KINDS = ("chain", "graph", "chain on patches", "graph on patches")
+BENT = ("bent chain", "bent graph", "bent chain on patches")
 
 
 def variants(test: Any) -> list[tuple[str, str]]:
@@ -32,7 +35,7 @@ LAWS = [
     if name.startswith("test_")
     for variant in variants(test)
     for forced in FORCED
-    if (variant in SLEEPERS if forced == "asleep" else variant[0] in KINDS)
+    if (variant in SLEEPERS if forced == "asleep" else variant[0] in (BENT if forced in ("few", "knots") else KINDS))
 ]
 
 

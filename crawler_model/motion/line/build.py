@@ -12,7 +12,7 @@ from ...body.ground import Track
 from ...errors import SceneError
 from ...rounding import EPS
 from ..pieces import NO_PIECES
-from .records import BACKWARD, BEND, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, PIECE, RUN, SPRING, zeros
+from .records import BACKWARD, BEND, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, PIECE, RUN, SPRING, STRAY, zeros
 from .tournament import find_winners
 
 LONG = 256
@@ -27,6 +27,13 @@ on. An implicit step begins with it: it is far from the velocities before it, wh
 PATIENCE = 10
 """Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
 spread from both ends of a body by one contact a round."""
+FEW_CONTACTS = 256
+"""Contacts up to which the margin is computed and all parts are looked at for critical states at every event. In larger
+bodies the margin is computed at the ends of ramps, and only parts in which rates are new are looked at."""
+TOGETHER = 20
+"""Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
+TURNS = 30
+"""Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
 _MOST_NUMBERS = 50_000_000
 """Largest number of entries of the matrix of a graph."""
 
@@ -98,7 +105,7 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 
 
-def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
+def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Build the curves of bent springs.
 
     Args:
@@ -119,7 +126,7 @@ def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray] | None:
     pieces = zeros(count, PIECE)
     for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
         pieces[name] = column
-    return bends, pieces
+    return bends, pieces, zeros(body.contacts, STRAY)
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:

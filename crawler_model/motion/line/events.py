@@ -251,24 +251,25 @@ def _touch_stopped(contacts, springs, model, ramp, count):
 
 @inlined
 def _schedule_resting(contacts, springs, model, ramp):
-    """Find the next events of contacts at rest; all events are then known."""
+    """Find the next events of contacts at rest at the start; all events are then known."""
+    if ramp.begun:
+        return
     for i in range(contacts.shape[0]):
         if contacts[i].at == 0:
             schedule_next(contacts, springs, model, ramp, i)
-    ramp.begun = 1
 
 
 @inlined
 def _choose(contacts, springs, model, ground, curves, ramp, count):
     """Choose the translation at s if it is free; borders and knots are then met at other instants."""
     choose(contacts, springs, model, curves, ramp, count)
-    if not ramp.shifted:
+    if not ramp.shifted and not ramp.strays:
         return
-    if ground is not None or curves is not None:
+    if ramp.shifted and (ground is not None or curves is not None):
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
             schedule_next(contacts, springs, model, ramp, i)
-    note_interval(ramp, ramp.s, min(contacts[find_earliest(contacts)].next, ramp.end))
+    note_interval(contacts, springs, curves, ramp, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 
 @lean
@@ -362,10 +363,9 @@ def follow_events(contacts, springs, model, ramp):
         if ramp.due > 0:
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue
-        if not ramp.begun:
-            _schedule_resting(contacts, springs, model, ramp)
+        _schedule_resting(contacts, springs, model, ramp)
         _choose(contacts, springs, model, ground, model.curves, ramp, count)
-        count = 0
+        ramp.begun, count = 1, 0
         s = contacts[find_earliest(contacts)].next
         _note_piece(model.pieces, contacts, ramp, min(s, 1.0))
         if not s < ramp.end:

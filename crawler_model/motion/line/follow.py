@@ -8,6 +8,7 @@ from ...compiled import entry, inlined, lean
 from .. import state
 from .advance import advance, advance_spring
 from .block import settle
+from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
@@ -79,8 +80,6 @@ def _finish_contacts(contacts, model, ramp, target, springs):
         c.force = 0.0
 
 
-@inlined
-def _finish_spring(contacts, springs, spring, model, ramp, length):
 @lean
 def _softest(springs, ends, c):
     """Find the largest compliance of the springs of a contact [m/N]."""
@@ -90,6 +89,8 @@ def _softest(springs, ends, c):
     return most
 
 
+@inlined
+def _finish_spring(contacts, springs, spring, model, ramp, length):
     """Advance a spring to the end of what was followed of the ramp; returns its energy.
 
     Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
@@ -257,7 +258,7 @@ def _build_curves(curves):
     """Name the parts of the curves; None without bent springs."""
     if curves is None:
         return None
-    return Curves(curves[0], curves[1])
+    return Curves(curves[0], curves[1], curves[2])
 
 
 @entry
@@ -281,6 +282,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.jumps = ramp.runaway = ramp.block = 0
+    begin_interval(model.curves, ramp)
     for i in range(contacts.shape[0]):
         contacts[i].gained = 0.0
         contacts[i].mark = 0
@@ -297,6 +299,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
             _add_ramp(account, ramp)
         if records.shape[0] > 0:
             _record(contacts, springs, account, records[v])
+    add_interval(contacts, model.curves, ramp, account)
     if account[state.VISITED] == np.inf:  # no command changed
         account[state.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)
     return 0

@@ -12,7 +12,7 @@ from ...body.ground import Track
 from ...compiled import compiled
 from ...errors import CommandError
 from ..jump import Jump
-from ..margin import FEW_CONTACTS, visited_margin
+from ..margin import visited_margin
 from ..pieces import NO_PIECES
 from ..state import WORK, dissipated
 from . import build
@@ -146,7 +146,7 @@ class LineMotion:
     @property
     def samples_margin(self) -> bool:
         """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
-        return self.body.contacts > FEW_CONTACTS
+        return self.body.contacts > build.FEW_CONTACTS
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
         """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
@@ -164,6 +164,7 @@ class LineMotion:
         ramps = zeros(1, RAMP)
         ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
         ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
+        ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         return ramps, build.build_memory(self.body)
 
     def follow(

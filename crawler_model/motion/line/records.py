@@ -117,6 +117,17 @@ BEND = np.dtype(
 SPRING_STATE = ("length", "elongation", "tension", "still_tension", "still_length")
 """Fields of a spring that last from ramp to ramp."""
 
+STRAY = np.dtype(
+    [
+        ("slower", _FLOAT),  # change of its velocity by other translations of the present stretch, < 0 [m]
+        ("faster", _FLOAT),  # likewise, > 0 [m]
+        ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
+        ("most", _FLOAT),  # to where [m]
+    ],
+    align=True,
+)
+"""What is known of a contact beside CONTACT where springs are bent, see `critical.interval`."""
+
 FOOT = np.dtype(
     [
         ("home", _FLOAT),  # reference position xi [m]
@@ -240,7 +251,7 @@ RAMP = np.dtype(
         ("stepping", _BYTE),  # whether the ramp is one implicit step
         ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
-        ("begun", _BYTE),  # whether the tournament holds all events
+        ("begun", _BYTE),  # whether the first stretch has begun, and the tournament holds all events
         ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
         ("effort", _LONG),  # contacts solved so far, counted in every round
         ("budget", _LONG),  # effort beyond which the ramp is completed by one implicit step
@@ -263,12 +274,16 @@ RAMP = np.dtype(
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
         ("soon", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
+        ("few", _INT),  # contacts up to which the margin is computed and all parts are looked at at every event
+        ("together", _INT),  # knots passed at one place before they are passed one after another
+        ("turns", _INT),  # solutions of an implicit step before pieces of curves are changed one by one
         ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
         ("last", _INT),
         ("present", _INT),  # its number
         ("parts", _INT),  # number of the last part that was listed alone, < 0
-        ("slower", _FLOAT),  # what other translations of the present stretch would change the net velocity by [m]
+        ("slower", _FLOAT),  # change of the net velocity by other translations of the present stretch [m]
         ("faster", _FLOAT),
+        ("strays", _BYTE),  # whether contacts of a body with bent springs could be elsewhere, see `critical.interval`
         ("until", _FLOAT),  # place on the ramp where the present stretch ends, while its translation is chosen
         ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
@@ -288,6 +303,7 @@ RAMP = np.dtype(
         ("violation", _FLOAT),  # largest force beyond a bound [N]
         ("complementarity", _FLOAT),  # largest product of a velocity and a distance of the force from its bound [J]
         ("rounding", _FLOAT),  # estimated rounding of displacements [m]
+        ("corrected", _FLOAT),  # what the corrections of tensions, where a part of the ramp ends, change in them [m]
         ("visited", _FLOAT),  # least margin
         ("events", _FLOAT),  # number of pieces of the path
         ("ambiguous", _FLOAT),  # 1 if a translation was chosen
@@ -303,7 +319,6 @@ RAMP = np.dtype(
         ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
         ("drawn", _INT),  # number of contacts that take part in the present fall
         ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
-        ("corrected", _FLOAT),  # what the corrections of tensions, where a part of the ramp ends, change in them [m]
         ("span", _FLOAT),  # a length whose rounding is that of all positions [m]
         ("jumps", _INT),  # number of jumps of the present call
         ("lost", _FLOAT),  # energy lost in jumps [J]
@@ -352,6 +367,8 @@ class Curves(NamedTuple):
     """BEND, shape (B,)."""
     pieces: np.ndarray
     """PIECE, of all curves, shape (P,)."""
+    strays: np.ndarray
+    """STRAY, memory, shape (N,)."""
 
 
 class Model(NamedTuple):

@@ -9,8 +9,6 @@ from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, keep_part, return_to_part, tighten
 from .springs.parts import begin_parts, find_pull, next_part
 
-MOST_TURNS = 30
-"""Solutions of an implicit step with pieces of curves that lead to others, before they are changed one by one."""
 _LEAST_EFFORT = 1000
 """Contacts solved, for each contact, before an implicit step is given up: it must end a ramp whose budget is spent."""
 _SMALLEST_PART = 2.0**-20
@@ -45,11 +43,11 @@ def _solve_step(contacts, springs, model, curves, ramp):
             return False
         _keep_step(contacts, springs, model, n)
         return True
-    for turn in range(MOST_TURNS + 10 * springs.shape[0]):
+    for turn in range(ramp.turns + 10 * springs.shape[0]):
         if not _solve_parts(contacts, springs, model, curves, ramp):
             if not tighten(contacts, springs, model, curves, ramp):
                 return False
-        elif not change_pieces(contacts, springs, curves, ramp, turn >= MOST_TURNS):
+        elif not change_pieces(contacts, springs, curves, ramp, turn >= ramp.turns):
             return True
     return False
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
-from ...margin import FEW_CONTACTS
 from ..block import size_of_terms
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
@@ -138,7 +137,7 @@ def find_margin(contacts, springs, model, curves, ramp, when):
 @inlined
 def sample_margin(contacts, springs, model, curves, ramp):
     """Update the visited margin of a small body by the present part at s, unless it jumps."""
-    if contacts.shape[0] <= FEW_CONTACTS and not ramp.falling:
+    if contacts.shape[0] <= ramp.few and not ramp.falling:
         ramp.visited = min(ramp.visited, _margin_of_part(contacts, springs, model, curves, ramp, ramp.s))
 
 

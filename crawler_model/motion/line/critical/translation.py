@@ -9,7 +9,6 @@ import numpy as np
 
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
-from ...margin import FEW_CONTACTS
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
@@ -17,6 +16,7 @@ from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..runs import wake_all
 from ..springs.bends import find_lengths
 from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
+from .interval import follow_strays, let_stray
 from .margin import find_near_part, is_critical, is_near, sample_margin
 
 
@@ -171,6 +171,7 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
     below = np.nextafter(pull - CRITICAL * total, -np.inf)
     least = _find_quantile(contacts, block, curves, ramp, middle, below)
     most = _find_quantile(contacts, block, curves, ramp, middle, pull + CRITICAL * total)
+    slower, faster = least, most  # what friction admits
     if not ramp.stepping:
         low, high = _limit(contacts, springs, block, curves, ramp, 0.0)
         least, most = min(max(least, low), most), max(min(most, high), least)
@@ -194,23 +195,26 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
         most_v = max(most_v, abs(c.v))
     if fastest > slowest and fastest - slowest > CRITICAL * most_v:
         ramp.shifted = SEVERAL
-        part = weight if curves is not None else 1.0  # a part that is free goes no further than flat springs allow
-        ramp.slower += part * ((least if slowest == -np.inf else slowest) - chosen)
-        ramp.faster += part * ((most if fastest == np.inf else fastest) - chosen)
+        ramp.slower += slowest - chosen
+        ramp.faster += fastest - chosen
+        let_stray(block, curves, ramp, slower - chosen, faster - chosen)
 
 
 @lean
-def note_interval(ramp, s, until):
+def note_interval(contacts, springs, curves, ramp, until):
     """Add the interval of the translations that were chosen to the account, unless they last an instant.
 
     Args:
         until: where the stretch that begins at s ends.
     """
-    lasts = (until - s) * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
-    if lasts and ramp.shifted == SEVERAL:
+    ds = until - ramp.s
+    lasts = ramp.shifted == SEVERAL and ds * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
+    if lasts:
         ramp.ambiguous = 1.0
-        ramp.gain_least += ramp.slower * (until - s)
-        ramp.gain_most += ramp.faster * (until - s)
+        if curves is None:
+            ramp.gain_least += ramp.slower * ds
+            ramp.gain_most += ramp.faster * ds
+    follow_strays(contacts, springs, curves, ramp, until, lasts)
 
 
 @inlined
@@ -239,16 +243,18 @@ def _choose_where_new(contacts, springs, model, curves, ramp, count):
 def choose(contacts, springs, model, curves, ramp, count):
     """Choose the translation of each part that is free at s: `shifted` is then set.
 
-    All blocks are then solved at the next event.
+    All blocks are then solved at the next event, and all parts looked at, as at the start of the ramp. The contacts of
+    a critical part need not be listed there: their forces may have come to their bounds just as a ramp ended.
 
     Args:
         count: number of contacts that were listed to be solved around.
     """
+    anew = ramp.shifted != 0 or not ramp.begun
     ramp.shifted = 0
     if curves is None:
         _choose_in_part(contacts, springs, model, curves, ramp)
         return
-    if contacts.shape[0] > FEW_CONTACTS:
+    if contacts.shape[0] > ramp.few and not anew:
         _choose_where_new(contacts, springs, model, curves, ramp, count)
         return
     begin_parts(contacts, springs, model, curves, ramp)
@@ -282,4 +288,4 @@ def choose_step(contacts, springs, model, curves, ramp):
             contacts, springs, model, curves, ramp, 1.0, CRITICAL * end
         ):
             _shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
-    note_interval(ramp, 0.0, 1.0)
+    note_interval(contacts, springs, curves, ramp, 1.0)

@@ -13,9 +13,6 @@ from ..timing import schedule_next
 from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
 from .parts import find_part, side_of
 
-_MOST_TOGETHER = 20
-"""Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
-
 
 @lean
 def _pass_knot(contacts, spring, ground, curves, ramp):
@@ -64,7 +61,7 @@ def passes_singly(curves, ramp):
     """
     if curves is None:
         return False
-    return ramp.passed > _MOST_TOGETHER
+    return ramp.passed > ramp.together
 
 
 @inlined

@@ -1,0 +1,101 @@
+"""The interval of the translations of a body whose flat springs leave parts of it free, from ramp to ramp.
+
+While the translation of a part is free, other motions may leave the chosen one, as fast as friction admits, but not
+further than the slack of flat springs: several stretches, and several ramps, share one slack. So it lasts from ramp to
+ramp of a call how far each contact may lie from where it is. All contacts are there together at the least, or the most.
+"""
+
+from __future__ import annotations
+
+from ....compiled import inlined, lean
+from ...state import GAIN_LEAST, GAIN_MOST
+from ..springs.bends import find_lengths, is_flat
+from ..springs.parts import member
+
+
+@lean
+def begin_interval(curves, ramp):
+    """Begin a call: no contact could be elsewhere."""
+    ramp.strays = 0
+    if curves is not None:
+        for i in range(curves.strays.shape[0]):
+            stray = curves.strays[i]
+            stray.slower = stray.faster = stray.least = stray.most = 0.0
+
+
+@lean
+def let_stray(block, curves, ramp, slower, faster):
+    """Note by how much less and more than chosen the velocity of the present part could be, in this stretch [m]."""
+    if curves is None:
+        return
+    ramp.strays = 1
+    for r in range(ramp.first, ramp.last):
+        stray = curves.strays[member(block, curves, r)]
+        stray.slower, stray.faster = slower, faster
+
+
+@inlined
+def _find_slack(contacts, spring, curves, ramp, ds):
+    """Find how far a spring may shrink and grow without a change of its tension, `ds` after s."""
+    if not is_flat(spring, curves):
+        return 0.0, 0.0
+    bend = curves.bends[spring.bend]
+    z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
+    z += ds * stretch
+    u = z - (length + ds * change)
+    actuator, passive = curves.pieces[bend.actuator], curves.pieces[bend.passive]
+    low, high = max(actuator.begin - u, passive.begin - z), min(actuator.end - u, passive.end - z)
+    return min(low, 0.0), max(high, 0.0)
+
+
+@inlined
+def _tie(contacts, spring, curves, ramp, ds):
+    """Let the two contacts of a spring stray no further from each other than its slack; returns whether that counts."""
+    a, b = curves.strays[spring.a], curves.strays[spring.b]
+    if a.least == b.least and a.most == b.most:
+        return False
+    low, high = _find_slack(contacts, spring, curves, ramp, ds)
+    tied = False
+    if b.least < a.least + low:
+        b.least, tied = a.least + low, True
+    if a.least < b.least - high:
+        a.least, tied = b.least - high, True
+    if b.most > a.most + high:
+        b.most, tied = a.most + high, True
+    if a.most > b.most - low:
+        a.most, tied = b.most - low, True
+    return tied
+
+
+@lean
+def follow_strays(contacts, springs, curves, ramp, until, lasts):
+    """Follow how far contacts may stray while the present stretch lasts, unless it is a part of a fall.
+
+    Args:
+        until: where the stretch that begins at s ends.
+        lasts: whether it is more than an instant in which several translations are admissible.
+    """
+    if curves is None or not ramp.strays or ramp.falling:
+        return
+    ds = until - ramp.s
+    for i in range(curves.strays.shape[0]):
+        stray = curves.strays[i]
+        if lasts:
+            stray.least += ds * stray.slower
+            stray.most += ds * stray.faster
+        stray.slower = stray.faster = 0.0
+    tied = True
+    while tied:
+        tied = False
+        for j in range(springs.shape[0]):
+            tied |= _tie(contacts, springs[j], curves, ramp, ds)
+
+
+@lean
+def add_interval(contacts, curves, ramp, account):
+    """Add the interval of the net translation at the end of a call to the account."""
+    if curves is None or not ramp.strays:
+        return
+    for i in range(curves.strays.shape[0]):
+        account[GAIN_LEAST] += contacts[i].share * curves.strays[i].least
+        account[GAIN_MOST] += contacts[i].share * curves.strays[i].most
