@@ -11,6 +11,7 @@ from .block import settle
 from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
+from .ground.borders import ROUNDING
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .records import DONE, SPENT, UNSOLVED, Curves, Model, Terrain
 from .runs import wake_all
@@ -261,6 +262,14 @@ def _build_curves(curves):
     return Curves(curves[0], curves[1], curves[2])
 
 
+@lean
+def _forget_rounding(contacts, ramp):
+    """Let contacts that have gained no more than the rounding of positions count as not having slid."""
+    for i in range(contacts.shape[0]):
+        if abs(contacts[i].gained) <= ROUNDING * ramp.span:
+            contacts[i].gained = 0.0
+
+
 @entry
 def follow(contacts, springs, ramps, memory, targets, account, records):
     """Follow straight ramps to each of the targets in turn.
@@ -282,6 +291,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.jumps = ramp.runaway = ramp.block = 0
+    ramp.span = 0.0
     begin_interval(model.curves, ramp)
     for i in range(contacts.shape[0]):
         contacts[i].gained = 0.0
@@ -299,6 +309,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
             _add_ramp(account, ramp)
         if records.shape[0] > 0:
             _record(contacts, springs, account, records[v])
+    _forget_rounding(contacts, ramp)
     add_interval(contacts, model.curves, ramp, account)
     if account[state.VISITED] == np.inf:  # no command changed
         account[state.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)

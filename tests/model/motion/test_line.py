@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene
+from crawler_model import Crawler, Scene
 from crawler_model.body.body import Body
 from crawler_model.motion.line import build
 from crawler_model.motion.line.motion import LineMotion
@@ -28,6 +28,8 @@ from crawler_model.motion.state import (
     VISITED,
     WORK,
 )
+
+from ..chains import from_rows
 
 CASES = json.loads((Path(__file__).parents[1] / "exact_cases.json").read_text())["cases"]
 BUDGET = 10**9
@@ -188,3 +190,22 @@ def test_sliding_that_spreads_from_both_ends_by_one_contact_a_round_is_no_cycle(
         np.testing.assert_allclose(force[moved > 1e-12], row[n - 1 : 2 * n - 1][moved > 1e-12], rtol=0, atol=1e-14)
         np.testing.assert_allclose(force[moved < -1e-12], -row[2 * n - 1 :][moved < -1e-12], rtol=0, atol=1e-14)
     assert np.abs(x).max() > 0.01
+
+
+@pytest.mark.parametrize("first", [100, 200])
+def test_a_contact_that_only_rounding_moves_has_not_slid(first: int) -> None:
+    """Ties of numbers that are no floats: bounds are reached together, but for rounding."""
+    for seed in range(first, first + 100):
+        rng = np.random.default_rng(seed)
+        n, parts = int(rng.integers(2, 8)), float(rng.choice([3, 5, 7, 10]))
+        stiffness, forward, backward = (rng.integers(1, 5, size) / parts for size in (n - 1, n, n))
+        lengths = np.vstack((np.zeros(n - 1), rng.integers(-9, 10, (8, n - 1)) / parts))
+        factors = (
+            np.vstack((np.ones((1, 2, n)), rng.integers(1, 5, (8, 2, n)) / parts)) if seed % 2 else np.ones((9, 2, n))
+        )
+        crawler = Crawler(from_rows(stiffness, lengths, forward * factors[:, 0], backward * factors[:, 1]))
+        for target in crawler.scene.drive.targets[1:]:
+            step = crawler.follow(target[None].copy())
+            moved = np.abs(step.velocity)
+            assert (moved[crawler.contact_state != 0] > 1e-9).all(), seed
+            assert (moved[crawler.contact_state == 0] == 0.0).all()
