@@ -25,7 +25,13 @@ def begin_interval(curves, ramp):
 
 @lean
 def let_stray(block, curves, ramp, slower, faster):
-    """Note by how much less and more than chosen the velocity of the present part could be, in this stretch [m]."""
+    """Note what other translations of the present part would change its velocity by, in the present stretch.
+
+    Args:
+        block: BLOCK, which holds the list of parts.
+        slower: change by the slowest translation that friction admits, < 0 [m].
+        faster: change by the fastest one, > 0 [m].
+    """
     if curves is None:
         return
     ramp.strays = 1
@@ -93,7 +99,11 @@ def follow_strays(contacts, springs, curves, ramp, until, lasts):
 
 @lean
 def add_interval(contacts, curves, ramp, account):
-    """Add the interval of the net translation at the end of a call to the account."""
+    """Add the interval of the net translation at the end of a call to the account.
+
+    Args:
+        account: as for `follow`, changed in place.
+    """
     if curves is None or not ramp.strays:
         return
     for i in range(curves.strays.shape[0]):

@@ -173,7 +173,11 @@ def _exceeds(c, foot, ground, coming, ramp):
 
 @lean
 def put_on_border(c, foot, ground, j):
-    """Put a contact onto border j, but for its bounds."""
+    """Put a contact onto a border; its bounds are set elsewhere.
+
+    Args:
+        j: number of the border.
+    """
     c.x, c.rest = ground.borders[j] - foot.home, 0.0
     foot.place = 2 * j + 1
 
