@@ -5,7 +5,7 @@ copy of the tree, first by the test files that are nearest to its module: by the
 the number of imports between them; of each test by one case before the others. Its fate is one of three:
 
 * killed: a test fails that passes without the change;
-* survived: the nearest test files pass (their number is `NEAREST`), which leaves tests that are slow or were skipped;
+* survived: the nearest test files pass (their number is `MOST`), which leaves tests that are slow or were skipped;
 * undecided: the time ended first, which says nothing about the tests that were left.
 
 Kernels run interpreted at first, which takes less than to compile them, and compiled if no test has failed by then.
@@ -34,8 +34,8 @@ from pathlib import Path
 from .mutations import Mutant, choose
 
 ROOT = Path(__file__).parent.parent
-NEAREST = 24
-"""Number of test files that a mutant is tested with."""
+NEAREST, MOST = 6, 24
+"""Numbers of test files that a mutant is tested with, first and in all: to import them takes a second each."""
 LIMIT = "MUTANT_SECONDS"
 OF_TEXT = {"test_structure.py", "test_rooms.py", "test_documented_names.py"}
 """Tests that read the sources and not what they do."""
@@ -137,29 +137,32 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
     path, cache, begun = folder / mutant.file, folder / ".kernels", time.monotonic()
     whole = path.read_bytes()
     changed = whole[: mutant.place[0]] + mutant.after.encode() + whole[mutant.place[1] :]
-    for way in [{"NUMBA_DISABLE_JIT": "1"}, {"NUMBA_CACHE_DIR": str(cache)}] if mutant.kernel else [{}]:
-        mutant.fate, unsound = "", list[str]()
-        while not mutant.fate:
+    compiled = {"NUMBA_CACHE_DIR": str(cache)} if mutant.kernel else {}
+    stages = [(tests[:NEAREST], compiled), (tests[NEAREST:MOST], compiled)]
+    for files, way in [(tests[:NEAREST], {"NUMBA_DISABLE_JIT": "1"})] * mutant.kernel + stages:
+        unsound = list[str]()
+        while mutant.fate != "killed":
             path.write_bytes(changed)
-            status, said = run(folder, [*unsound, *tests], seconds, way)
+            status, said = run(folder, [*unsound, *files], seconds, way)
             path.write_bytes(whole)
             failed = re.search(r"^(?:FAILED|ERROR) (tests/.*?\.py(?:::.*?)?)(?: - .*)?$", said, re.M)
             if status in (-signal.SIGSEGV, -signal.SIGABRT):
                 mutant.fate, mutant.test = "killed", "Python crashed"
             elif status in (1, 2) and failed and "KeyboardInterrupt" not in said:
-                mutant.test = failed[1]
-                if mutant.test not in sound:
-                    sound[mutant.test] = run(folder, [mutant.test], 300.0, way)[0] in (0, 5)
-                mutant.fate = "killed" if sound[mutant.test] else ""
-                unsound.append(f"--deselect={mutant.test}")
+                test = failed[1]
+                if test not in sound:
+                    sound[test] = run(folder, [test], 300.0, way)[0] in (0, 5)
+                if sound[test]:
+                    mutant.fate, mutant.test = "killed", test
+                unsound.append(f"--deselect={test}")
             else:
-                mutant.fate, mutant.test = "survived" if status == 0 else "undecided", ""
-                counts = re.findall(r"\d+ (?:passed|deselected|skipped)", said.rpartition("\n\n")[2])
-                reasons = sorted(set(re.findall(r"^SKIPPED \[\d+\] \S+ (.*)$", said, re.M)))
-                mutant.not_run = "; ".join([", ".join(counts) or f"ended with status {status}", *reasons])
-        shutil.rmtree(cache, ignore_errors=True)
-        if mutant.fate == "killed":
-            break
+                if way is compiled:
+                    mutant.fate = "survived" if status == 0 and mutant.fate != "undecided" else "undecided"
+                    counts = re.findall(r"\d+ (?:passed|deselected|skipped)", said.rpartition("\n\n")[2])
+                    reasons = sorted(set(re.findall(r"^SKIPPED \[\d+\] \S+ (.*)$", said, re.M)))
+                    mutant.not_run += "; ".join([", ".join(counts) or f"ended with status {status}", *reasons]) + ". "
+                break
+    shutil.rmtree(cache, ignore_errors=True)
     mutant.seconds = round(time.monotonic() - begun, 1)
 
 
@@ -171,7 +174,7 @@ def report(mutants: list[Mutant], folder: Path, seed: int) -> str:
         lines.append(f"{package:20}{fates['killed']:8}{fates['survived']:10}{fates['undecided']:11}")
     for m in sorted((m for m in mutants if m.fate in ("survived", "undecided")), key=lambda m: (m.fate, m.file)):
         lines += ["", f"{m.fate}: {m.file}:{m.line} in {m.function}: {m.kind}", f"  - {m.before}", f"  + {m.after}"]
-        lines += [f"  not run: {m.not_run}"]
+        lines += [f"  {m.not_run}"]
     folder.mkdir(exist_ok=True)
     (folder / "mutants.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     numbered = [{"number": k, **asdict(m)} for k, m in enumerate(mutants)]
@@ -186,7 +189,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=60, help="number of mutants")
     parser.add_argument("--seed", type=int, default=0, help="of the choice")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of a processor for each mutant, of a kernel twice")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="of a processor for the nearest tests, and again for the others"
+    )
     parser.add_argument("--at-once", type=int, default=2, help="mutants that are tested at the same time")
     parser.add_argument("--packages", default=".*", help="regular expression for the names of the packages")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of the mutants to try; without, all")
@@ -210,7 +215,7 @@ def main() -> None:
 
         def one(number: int) -> None:
             mutant, place = mutants[number], copies.pop()
-            try_out(mutant, place, order_tests(mutant, graph, clean)[:NEAREST], given.seconds, sound)
+            try_out(mutant, place, order_tests(mutant, graph, clean), given.seconds, sound)
             copies.append(place)
             report(mutants, ROOT / "mutants", given.seed)
             print(f"{number}: {mutant.fate}: {mutant.file}:{mutant.line} {mutant.kind} {mutant.test}", flush=True)

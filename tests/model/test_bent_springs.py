@@ -71,6 +71,9 @@ class TestClosedForms:
         stops = {"shortest": "contact", "stiffness": 100.0}
         link = {"stiffness": 8.0, "passive": {"stops": stops}}
         scene = two_contacts(link, -1.0, radius=[0.3, 0.45])  # they touch at z = -1/4
+        stops["longest"] = -0.3
+        with pytest.raises(SceneError, match=r"stops\.longest: -0\.3 m; the contacts touch at -0\.25 m already"):
+            two_contacts(link, -1.0, radius=[0.3, 0.45])
         run = simulate(scene, method=method, duration=8.0)
         assert run.per_period[1] == pytest.approx((8.0 + 25.0 - 0.5) / 108.0 - 0.5 / 8.0)
 

@@ -596,13 +596,31 @@ WRONG_BODIES = [
     (plane(friction={"isotropic": []}), "friction.isotropic: 0 value(s) for 2 contact(s)"),
     (plane(loads=[]), "loads: 0 number(s); in the plane give [x, y]"),
     (plane(start={"displacement": [[0, 0]]}), "in a planar scene it is [x, y] for each of 2 contacts"),
-    (plane(start={"displacement": [[0, 0], [0, 9]]}), "contact 0 is pulled by [0, 9] N"),
+    (
+        plane(start={"displacement": [[0.5, 0], [0, 9]]}),
+        "contact 0 is pulled by [-0.5, 9] N, 8.01388 N more than its friction; `start: relaxed` is a start without",
+    ),
+    (
+        plane(loads=[[0, 1.5], [0, -1.25]]),
+        "contact 0 is pulled by [0, 1.5] N, 0.5 N more than its friction; a load is too large for its contact alone",
+    ),
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
     (plane(friction={"directions": [0, 1.57, 3.14, 4.71], "value": [1, 1, 1]}), "3 value(s) for 4 direction(s)"),
     (plane(tolerance=-1.0), "tolerance: -1"),
     (plane(tolerance=9e-10), "tolerance: 9e-10; it must be between 1e-09 and 0.5"),
     (change("tolerance", 1e-3), "tolerance: only planar scenes have a tolerance"),
 ]
+
+
+def test_the_friction_that_an_error_proposes_is_the_largest_that_is_convex():
+    """Of directions that are spaced unevenly, so that each neighbour has a share of its own."""
+
+    def scene(value: float) -> dict[str, Any]:
+        return plane(friction={"directions": [0.0, 0.8, 2.0, 3.0, 4.2, 5.3], "value": [1, 1, 1, 1, 2, value]})
+
+    (proposal,) = re.findall(r"direction 5 at 5.3 rad; its neighbours allow at most (\S+) N", refusal(scene(4.0)))
+    Scene.model_validate(scene(float(proposal) * (1.0 - 1e-5)))
+    assert "not convex" in refusal(scene(float(proposal) * (1.0 + 1e-5)))
 
 
 @pytest.mark.parametrize(("data", "said"), WRONG_BODIES, ids=[said for _, said in WRONG_BODIES])

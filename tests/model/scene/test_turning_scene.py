@@ -282,7 +282,7 @@ WRONG = [
     ([("loads", [1, 0])], "the loads sum to [4, 0] N, 4 N long; it must be less than the sum of all friction, 4 N"),
     (
         [("start", {"displacement": [[0, 0], [0, 0], [0, 0], [0.1, 0]]})],
-        "start.displacement: point 2 is pulled by [5, 0] N",
+        "start.displacement: point 2 is pulled by [5, 0] N, 4.88875 N more than its friction; `start: relaxed` is a start",
     ),
     ([("start", {"displacement": [[0.1, 0], [0, 0], [0, 0], [0, 0]]})], "the two points of link 0 coincide"),
     ([("start", {"displacement": [0, 0]})], "start.displacement: in a planar scene it is [x, y] for each of 4"),
