@@ -35,7 +35,7 @@ def excite_command(
         ),
     ] = None,
     noise: Annotated[float, typer.Option(help="Standard deviation of measured positions, m.")] = 1e-3,
-    duration: Annotated[float, typer.Option(help="Longest duration, s.")] = 20.0,
+    duration: Annotated[float, typer.Option(help="Longest simulated time, s.")] = 20.0,
     every: Annotated[float, typer.Option(help="Time between waypoints, s.")] = 0.2,
     interval: Annotated[
         float,
