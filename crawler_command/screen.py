@@ -329,15 +329,16 @@ def note_left_out(scene: Scene, drive: Mapping[str, Any]) -> None:
             print(f"crawler: {scene.name}: {text}", file=sys.stderr)
 
 
-def write_scene(scene: Scene, path: Path) -> None:
+def write_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
     """Write a scene to a file, completely or not at all.
 
     Args:
         scene: the scene.
         path: the .yaml file.
+        notes: comments above the scene, a line each.
     """
     import yaml
 
     text = yaml.safe_dump(scene.document(), sort_keys=False, default_flow_style=None, allow_unicode=True)
     with whole_file(path) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text("".join(f"# {note}\n" for note in notes) + text, encoding="utf-8")

@@ -207,6 +207,14 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mappin
     return read_bag(path, scene, topics)
 
 
+def _note_bounds(found: Identification) -> list[str]:
+    """Mark the numbers that the measurements only bound."""
+    from crawler_model.identify.forecast.posterior import ENDED
+
+    bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and ENDED not in p.why]
+    return ["Values clear of their bounds, as the measurements only bound these numbers:", *bounded] if bounded else []
+
+
 def _write(found: Identification, out: Path | None, png: Path | None, html: Path | None) -> list[str]:
     """Write the files that were asked for; return a line about each."""
     import tempfile
@@ -214,7 +222,7 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
     if out is None and png is None and html is None:
         return []
     if out is not None:
-        write_scene(found.playback(), out)
+        write_scene(found.playback(), out, _note_bounds(found))
     if png is not None or html is not None:
         from crawler_pictures.identification import draw_identification
 

@@ -19,7 +19,7 @@ from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit
 from .fit.problem import Offset, Problem
 from .fit.space import build_space
-from .forecast.posterior import GAIN, collect_posterior
+from .forecast.posterior import ENDED, GAIN, collect_posterior
 from .identification import Identification
 from .judge.bounds import release
 from .judge.explain import explain_misfit, remark
@@ -274,7 +274,7 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
     warnings += [
         f"{p.name} ended at its bound {p.value:.6g}; widen it with bounds if it may lie beyond"
         for p in parameters
-        if p.verdict == "bound" and "the fit ended" in p.why
+        if ENDED in p.why
     ]
     if where is None:
         return warnings

@@ -21,6 +21,11 @@ _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""
 _FARTHEST = 20.0
 """Factor beyond its bound up to which a parameter is drawn."""
+_CLEAR = 1.25
+"""Factor beyond its bound from which on a parameter may stay: at the bound itself forces balance exactly, as where one
+contact held just as much as others slid, and the translation of such a scene is not unique."""
+ENDED = "the fit ended at this bound"
+"""The reason of a bound that was given to the fit; the value at it was fitted."""
 GAIN = "gain"
 """Name among those of the parameters for the error of the gain of the actuators."""
 Interval = tuple[float | None, float | None]
@@ -36,6 +41,7 @@ class Posterior:
         values: shape (P,) [unit of each key].
         covariance: of the values, shape (P, P) [product of both units].
         bounds: lower and upper bound of each parameter that is only bounded; None on the side that is not known.
+        ended: those of them that the fit moved to a bound that was given to it.
         held: parameters whose value in the scene fixes the scale of ratios, with this value.
         groups: parameters of which only ratios are known, those that are held included.
         unknown: parameters that the record does not excite.
@@ -50,6 +56,7 @@ class Posterior:
     groups: tuple[tuple[str, ...], ...] = ()
     unknown: tuple[str, ...] = ()
     freedom: float = np.inf
+    ended: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -131,7 +138,8 @@ class Posterior:
             scene: the scene that was fitted.
 
         Returns:
-            The scene with the best values; parameters that are only bounded stay as near to the scene's as they may.
+            The scene with the best values; parameters that are only bounded stay as near to the scene's as they may,
+            clear of their bounds.
 
         Raises:
             CrawlerError: if the scene lacks a parameter, or the values do not fit together.
@@ -139,7 +147,8 @@ class Posterior:
         self.check(scene)
         values = {**dict(zip(self.names, self.values.tolist(), strict=True)), **self.held}
         values.pop(GAIN, None)
-        for name, (low, high) in self.bounds.items():
+        for name, bound in self.bounds.items():
+            low, high = bound if name in self.ended else _clear(bound)
             try:
                 value = Variations(scene, {name: np.zeros(1)}, (1,)).origin(name)
             except SceneError:  # the scene leaves it out
@@ -214,6 +223,16 @@ def beyond_bound(interval: Interval, factor: float) -> float:
     if bound == 0.0:
         return (factor - 1.0) * (1.0 if up else -1.0)
     return bound * factor if (bound > 0.0) == up else bound / factor
+
+
+def _clear(interval: Interval) -> Interval:
+    """Narrow an interval to the values that are clear of its ends."""
+    low, high = interval
+    if low is not None and high is not None:
+        part = np.log(_CLEAR) / np.log(_FARTHEST) * (high - low)
+        return low + part, high - part
+    clear = beyond_bound(interval, _CLEAR)
+    return (clear, None) if low is not None else (None, clear)
 
 
 def _check_covariance(names: tuple[str, ...], covariance: np.ndarray) -> None:
@@ -327,6 +346,7 @@ def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -
     held: dict[str, float] = {}
     groups: list[tuple[str, ...]] = []
     unknown: list[str] = []
+    ended = tuple(str(parameter["name"]) for parameter in listed if ENDED in str(parameter.get("why", "")))
     for parameter in listed:
         name, verdict = str(parameter["name"]), parameter["verdict"]
         if verdict == "bound":
@@ -343,4 +363,5 @@ def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -
         if verdict == "ratio":
             group = tuple(sorted({name, *map(str, parameter.get("with", ()))}))
             groups += [] if group in groups else [group]
-    return dataclasses.replace(posterior, bounds=bounds, held=held, groups=tuple(groups), unknown=tuple(unknown))
+    posterior = dataclasses.replace(posterior, bounds=bounds, held=held, ended=ended)
+    return dataclasses.replace(posterior, groups=tuple(groups), unknown=tuple(unknown))

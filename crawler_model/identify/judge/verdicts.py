@@ -11,6 +11,7 @@ import numpy as np
 from ..fit.fit import Fit
 from ..fit.problem import Problem
 from ..fit.space import Space
+from ..forecast.posterior import ENDED
 from ..sensor.noise import find_quantile, find_rounding
 from .bounds import find_bounds
 
@@ -292,7 +293,7 @@ def judge(
             at_most = coordinates[p] - low[p] < 1e-6
             ends = (None, float(values[p])) if at_most else (float(values[p]), None)
             side = f"{'at most' if at_most else 'at least'} {values[p]:.6g}"
-            why = f"{side}: the fit ended at this bound"
+            why = f"{side}: {ENDED}"
             parameters.append(Parameter(name, "bound", float(values[p]), ends, (), why))
         elif None in interval:
             end = interval[0] if interval[0] is not None else interval[1]

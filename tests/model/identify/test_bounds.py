@@ -1,0 +1,53 @@
+"""Scenes with values that are only bounded stand clear of their bounds, and all that reads them agrees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from crawler_command.identify.command import _note_bounds
+from crawler_command.screen import write_scene
+from crawler_model import Scene, identify, load_scene, simulate
+from crawler_model.identify.forecast.predict import predict
+from crawler_model.theory.uniqueness import uniqueness_margin
+
+from .synthetic import RATE, chain, measure, walk
+
+
+def robot(seed: int) -> dict[str, Any]:
+    """A chain of three contacts, of which the middle one holds while both others slide."""
+    rng = np.random.default_rng(seed)
+    friction = {
+        side: [float(rng.uniform(0.2, 0.4)), 3.0, float(rng.uniform(0.2, 0.4))] for side in ("forward", "backward")
+    }
+    return chain(3, friction=friction)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_contact_that_held_while_others_slid_does_not_make_the_scene_critical(seed: int, tmp_path: Any) -> None:
+    document = robot(seed)
+    times, rows = walk(2, 6.0, seed)
+    guess = Scene.model_validate(document | {"friction": {"forward": [0.3] * 3, "backward": [0.3] * 3}})
+    found = identify(guess, [measure(document, times, rows)], ["friction.forward", "friction.backward"])
+    bounded = [p for p in found.parameters if p.verdict == "bound"]
+    assert {p.name for p in bounded} == {"friction.forward[1]", "friction.backward[1]"}
+    write_scene(found.playback(), tmp_path / "found.yaml", _note_bounds(found))
+    written = load_scene(tmp_path / "found.yaml")
+    friction = written.document()["friction"]
+    margin = uniqueness_margin(friction["forward"], friction["backward"])
+    assert margin is not None
+    assert margin > 1e-3
+    head = [line for line in (tmp_path / "found.yaml").read_text().splitlines() if line.startswith("#")]
+    assert all(any(p.name in line and "at least" in line for line in head) for p in bounded)
+    assert yaml.safe_load((tmp_path / "found.yaml").read_text()) == written.document()
+    end = times[-1]
+    truth = simulate(Scene.model_validate(document | {"drive": written.document()["drive"]}), end, RATE)
+    run = simulate(written, end, RATE)
+    assert run.unique
+    assert np.abs(run.displacement - truth.displacement).max() < 1e-9
+    forecast = predict(written, found.posterior)
+    gained = run.net_translation[-1] - run.net_translation[0]
+    assert forecast.run_gain.value == pytest.approx(gained, abs=1e-9)
