@@ -65,7 +65,7 @@ def pass_end(system, dx, piece):
         if (contact.arrived > 1 and (contact.sliding == 0 or tied)) or (tied and moved):
             mark(system.kinks, piece.ramp, piece.begin, i)
             for c in range(parameters.shape[0]):
-                parameters[c].one_sided |= parameters[c].swaps if kind == TIE else parameters[c].moves
+                parameters[c].one_sided |= parameters[c].moves
         change = contact.v_before - contact.v
         if kind >= EVENT and change != 0.0:
             for c in range(parameters.shape[0]):
@@ -216,3 +216,51 @@ def look_at_bounds(system, derivative, commands, piece):
             note_arrival(parameters, piece, closing, fastest)
             fastest = max(fastest, closing)
     return fastest
+
+
+@lean
+def look_at_choice(system, derivative, commands, piece):
+    """Find at the end of a piece whether its translation was chosen, and is at a kink of the choice.
+
+    Where all contacts stay at their bounds, the translation nearest to no net translation is chosen from those that
+    friction admits. At a kink no net translation and an end of these, where a contact rests, are the same: beyond it
+    either the one or the other is chosen.
+
+    Args:
+        system: a `System`; forces and rates are those at the end.
+        derivative: a `Derivative`, at the end, with the displacements at the start of the piece as `earlier`.
+        commands: a `Commands`, at the end.
+        piece: the PIECE.
+    """
+    contacts, springs = system.contacts, system.springs.shape[0]
+    n = contacts.shape[0]
+    drift = fastest = 0.0
+    for i in range(n):
+        contact = contacts[i]
+        drift += contact.share * contact.v
+        fastest = max(fastest, abs(contact.v))
+        if contact.sliding != 0:
+            continue
+        ahead = commands.target[springs + i] - contact.force < commands.target[springs + n + i] + contact.force
+        bound, change = commands.target[springs + n + i], commands.change[springs + n + i]
+        force, rate = -contact.force, -contact.force_rate
+        if ahead:
+            bound, change = commands.target[springs + i], commands.change[springs + i]
+            force, rate = contact.force, contact.force_rate
+        near = bound - force <= AT_BOUND * (contact.size + abs(bound))
+        if not near or abs(rate - change) > AT_BOUND * (contact.rate_size + abs(change)):
+            return
+    if abs(drift) > SAME * fastest:
+        return
+    marked = False
+    for c in range(system.parameters.shape[0]):
+        moved = size = 0.0
+        for i in range(n):
+            change = contacts[i].share * (derivative.dx[i, c] - derivative.earlier[i, c])
+            moved += change
+            size += abs(change)
+        if abs(moved) > SAME * size:
+            system.parameters[c].one_sided = marked = True
+    for i in range(n if marked else 0):
+        if contacts[i].sliding == 0:
+            mark(system.kinks, piece.ramp, piece.begin, i)

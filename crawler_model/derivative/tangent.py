@@ -26,7 +26,7 @@ from .curves import (
     place_bends,
 )
 from .elimination import eliminate_many
-from .kinks import INSTANT, SAME, look_at_bounds, mark, pass_end
+from .kinks import INSTANT, SAME, look_at_bounds, look_at_choice, mark, pass_end
 from .records import FREE, NO_END
 
 _STILL = 1e-12
@@ -290,6 +290,8 @@ def _follow_piece(system, derivative, commands, piece):
     look_at_knots(
         system, system.curves, derivative, commands, piece, look_at_bounds(system, derivative, commands, piece)
     )
+    if 0 < sliding < n:
+        look_at_choice(system, derivative, commands, piece)
 
 
 @lean
