@@ -19,9 +19,9 @@ import numpy as np
 
 from .blocks import Block
 
-_MOST_WAITING = 1 << 25
+_MOST_WAITING = 1 << 24
 """Bytes of blocks that overlap in log time and are merged in memory."""
-_SORTED_AT_ONCE, _SORTED_PIECE = 1 << 24, 1 << 18
+_SORTED_AT_ONCE, _SORTED_PIECE = 1 << 23, 1 << 18
 """Bytes that are sorted in memory on the way to the temporary file, and of its pieces, one of which waits per sort."""
 _COLUMNS = ("channel", "sequence", "first", "size", "log_ns", "publish_ns")
 
