@@ -12,7 +12,7 @@ import typer
 
 from crawler_model import CrawlerError, __version__
 from crawler_model.run.ticks import RATE
-from crawler_ros.node.life.leave import STOPPED
+from crawler_ros.node.life.leave import STOPPED, replace_unprintable
 
 from .executables import describe_missing
 from .identify.command import identify_command
@@ -209,6 +209,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: the verb and its arguments; None for those of the process.
     """
+    replace_unprintable()
     try:
         status = app(arguments, prog_name="crawler", standalone_mode=False)
     except typer.Exit as error:
@@ -234,7 +235,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ModuleNotFoundError as error:
         print(f"crawler: {describe_missing(error.name or str(error))}", file=sys.stderr)
         status = 1
-    except (KeyboardInterrupt, typer.Abort):
+    except typer.Abort as error:  # typer takes the end of any file for that of an answer, which nothing here asks for
+        print(f"crawler: a file or a stream has ended unexpectedly: {error.__cause__}", file=sys.stderr)
+        status = 1
+    except KeyboardInterrupt:
         status = STOPPED
     if status == STOPPED:  # typer's status after Ctrl-C, too
         print("crawler: stopped", file=sys.stderr)

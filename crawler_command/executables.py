@@ -12,7 +12,7 @@ import signal
 import sys
 from typing import Any
 
-from crawler_ros.node.life.leave import STOPPED, leave_at_once, open_closed_streams
+from crawler_ros.node.life.leave import STOPPED, leave_at_once, prepare_streams
 
 _EXTRA_OF = {
     "mcap": "viz",
@@ -103,7 +103,7 @@ def _find_extra(module: str) -> str | None:
 
 def _run(name: str, module: str) -> int:
     """Import a module and run its `main`; return the exit status."""
-    open_closed_streams()
+    prepare_streams()
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # started in the background by a script
     if not ignored:
         leave_at_once(name)

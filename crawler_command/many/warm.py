@@ -138,7 +138,7 @@ def warm(
     Otherwise the first use of each kind compiles its own. The kernels are kept in ~/.cache/crawler until the model's
     code changes; what is there already is only loaded.
     """
-    from crawler_model.compiled import folder_of_kernels
+    from crawler_model.kernel_cache import folder_of_kernels
     from crawler_model.sweep.workers import available_cores
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
@@ -168,12 +168,19 @@ def warm(
 
 
 def _compile(kinds: list[Kind]) -> None:
+    from crawler_model import kernel_cache
     from crawler_model.compiled import announcer
 
     announcer.show = lambda text: None  # the bar of the command counts the functions of all processes
+    kernel_cache.report = _refuse
     for kind in kinds:
         build, _ = BUILDS[kind]
         build()
+
+
+def _refuse(reason: str) -> None:
+    """Stop where a compiled kernel cannot be kept: nothing would be ready."""
+    raise CrawlerError(reason)
 
 
 def measure_compiled() -> tuple[int, float]:
@@ -182,7 +189,7 @@ def measure_compiled() -> tuple[int, float]:
     Returns:
         The number of functions, and the processor time that compiling them takes [s].
     """
-    from crawler_model.compiled import folder_of_kernels
+    from crawler_model.kernel_cache import folder_of_kernels
 
     modules = [file.parent.name for file in folder_of_kernels().rglob("*.nbc")]
     times = [next((cost for start, cost in _OF_A_FUNCTION if module.startswith(start)), 0.0) for module in modules]

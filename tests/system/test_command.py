@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +17,7 @@ import typer
 import crawler_model
 from crawler_command.app import app, main
 from crawler_model import gallery, load_scene
+from crawler_model.kernel_cache import folder_of_kernels
 
 from ..commands import crawler
 from ..scenes import NOT_TURNING, TURNING
@@ -452,3 +455,47 @@ def test_names_with_brackets_are_printed_as_they_are(tmp_path, name):
     for verb in ("check", "simulate"):
         assert name.removeprefix("[yellow]") in good(verb, file)
     assert "control characters" in bad("check", name_scene(tmp_path / "other.json", "a\nb"))
+
+
+def test_the_end_of_a_file_is_not_taken_for_ctrl_c(monkeypatch):
+    """typer ends in the same way after both."""
+
+    def read_an_empty_file():
+        pickle.loads(b"")
+
+    monkeypatch.setattr("crawler_model.gallery", read_an_empty_file)
+    done = crawler("scenes")
+    assert done.returncode == 1
+    assert done.stderr.split("\n") == ["", "crawler: a file or a stream has ended unexpectedly: Ran out of input", ""]
+
+
+def test_a_command_outlives_a_damaged_cache_and_heals_it(tmp_path):
+    words = ["simulate", "two_anchor_a", "--duration", "0.1"]
+    assert crawler(*words).returncode == 0  # its kernels are there
+    folder = folder_of_kernels()
+    shutil.copytree(folder, tmp_path / "crawler" / "kernels" / folder.name)
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    damaged = [*tmp_path.rglob("path.*.nbi"), *tmp_path.rglob("follow.*.nbc")]
+    assert len(damaged) > 2
+    for k, file in enumerate(damaged):
+        file.write_bytes(file.read_bytes()[: -k % 3 * 100])
+    said = []
+    for _ in range(2):
+        command = [sys.executable, "-m", "crawler_command.app", *words]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        said.append(done.stderr)
+    assert [text.count("compiling the kernels") for text in said] == [1, 0]
+
+
+def test_warm_refuses_a_folder_that_keeps_nothing(tmp_path):
+    (tmp_path / "crawler").write_text("")
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_OPT": "0"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    words = [sys.executable, "-m", "crawler_command.app", "warm"]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stdout) == (1, "")
+    *_, last = done.stderr.splitlines()
+    assert last.startswith(f"crawler: compiled kernels cannot be kept in {tmp_path}/crawler/kernels/")
+    assert done.stderr.count("\n") == 2  # the other one announces what is compiled

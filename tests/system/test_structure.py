@@ -30,7 +30,7 @@ import crawler_pictures
 import crawler_play
 import crawler_ros
 import crawler_ros.replay
-from crawler_model import compiled
+from crawler_model import kernel_cache
 
 ROOT = Path(crawler_model.__file__).parent.parent
 PACKAGES = (
@@ -424,7 +424,7 @@ print(min(needed) > 0, sum(len(k.signatures) for k in others))
 def test_the_kernels_cache_covers_all_files_that_kernels_import():
     """Imports that are for types alone leave no trace in a kernel."""
     model = ROOT / "crawler_model"
-    covered = {file for pattern in compiled._SOURCES for file in model.glob(pattern)}
+    covered = {file for pattern in kernel_cache._SOURCES for file in model.glob(pattern)}
     marks = tuple(f"\n@{mark}\n" for mark in KERNELS)
     waiting = [file for file in model.rglob("*.py") if any(mark in file.read_text(encoding="utf-8") for mark in marks)]
     assert len(waiting) > 20

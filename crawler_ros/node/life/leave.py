@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -27,8 +28,11 @@ def leave_at_once(name: str) -> None:
     signal.signal(signal.SIGINT, leave)
 
 
-def open_closed_streams() -> None:
-    """Open the null device in place of each standard stream that is closed, as by `2>&-`."""
+def prepare_streams() -> None:
+    """Open the null device in place of each standard stream that is closed, as by `2>&-`, and let all print any text.
+
+    Names of scenes, files and joints may hold letters that the locale's encoding lacks; they are then replaced.
+    """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
             os.fstat(number)
@@ -39,3 +43,10 @@ def open_closed_streams() -> None:
                 os.close(null)
             os.set_inheritable(number, True)
             setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115 (it stays open)
+    replace_unprintable()
+
+
+def replace_unprintable() -> None:
+    """Replace what the encoding of standard output lacks; on standard error, Python escapes it."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")

@@ -13,7 +13,7 @@ from typing import Any
 from crawler_model import CrawlerError
 
 from ...wire.definitions import find_ament_prefix
-from .leave import leave_at_once, open_closed_streams
+from .leave import leave_at_once, prepare_streams
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 
@@ -72,7 +72,7 @@ def run_node(
     Returns:
         The exit status.
     """
-    open_closed_streams()
+    prepare_streams()
     leave_at_once(name)  # until `spin` has something to clean up
     find_ament_prefix()
     stay_on_loopback()
