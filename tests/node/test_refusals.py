@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from crawler_ros.node.intake import refusals as refusals_module
 from crawler_ros.node.intake.refusals import Refusals, Throttle
 
 
@@ -30,3 +33,68 @@ def test_their_number_is_bounded():
     assert len(counted.reasons) == 33
     assert counted.reasons[-1].why == "other reasons"
     assert sum(reason.count for reason in counted.reasons) == counted.total == 1000
+
+
+@pytest.fixture
+def lines(monkeypatch):
+    """A throttle on a clock that the test sets; what it logs."""
+    now = [100.0]
+    monkeypatch.setattr(refusals_module.time, "monotonic", lambda: now[0])
+    logged: list[str] = []
+    return Throttle(logged.append), logged, now
+
+
+def test_causes_within_one_second_are_logged_each_with_its_own_count(lines):
+    throttle, logged, now = lines
+    counted = Refusals(throttle)
+    causes = ["entry {} is nan; it must be finite", "no joint is called '{}'", "{} values; there are 2 links", "too late"]
+    for k in range(12):
+        for number, cause in enumerate(causes):
+            if k % (number + 1) == 0:
+                counted.add("commands", cause.format(k), k)
+    first = [f"refused a message on commands: {cause.format(0)}" for cause in causes]
+    assert logged == first
+    throttle.flush()
+    assert logged == first
+    now[0] += 1.0
+    throttle.flush()
+    last = [(0, 11, 10), (1, 10, 4), (2, 9, 2), (3, 8, 1)]
+    assert logged[4:] == [
+        f"refused a message on commands: {causes[number].format(k)} (and {more} more like it)" for number, k, more in last
+    ]
+
+
+def test_held_lines_are_logged_in_the_order_in_which_their_kinds_were_held(lines):
+    throttle, logged, now = lines
+    for text in ("a", "b", "c", "c", "a", "b", "a"):
+        throttle.warn("subject", text)
+    now[0] += 1.0
+    throttle.flush()
+    assert logged == ["a", "b", "c", "c", "a (and 1 more like it)", "b"]
+
+
+def test_a_line_after_a_quiet_second_is_logged_at_once_and_one_that_is_held_stays_behind_it(lines):
+    throttle, logged, now = lines
+    throttle.warn("subject", "a 1")
+    now[0] += 1.0
+    throttle.warn("subject", "a 2")
+    throttle.warn("subject", "a 3")
+    now[0] += 5.0
+    throttle.warn("subject", "a 4")  # "a 3" is still held
+    throttle.flush()
+    assert logged == ["a 1", "a 2", "a 4 (and 1 more like it)"]
+
+
+def test_the_kinds_in_a_second_are_bounded(lines):
+    throttle, logged, now = lines
+    for k in range(1000):
+        throttle.warn("subject", f"cause {'x' * k}")
+    assert len(logged) == 65
+    now[0] += 1.0
+    throttle.flush()
+    assert logged[65:] == [f"cause {'x' * 999} (and 934 more)"]
+    throttle.flush()
+    now[0] += 1.0
+    throttle.flush()
+    throttle.warn("subject", "cause")
+    assert logged[66:] == ["cause"]

@@ -12,12 +12,17 @@ from typing import Any
 _QUIET_S = 1.0
 _MOST_CHARACTERS = 300
 _MOST_REASONS = 32
+_MOST_KINDS = 64
 _PARTICULAR = re.compile(r"'[^']*'|\"[^\"]*\"|\w*[-+.\d]*\d[\w.+-]*|\b(nan|inf)\b")
 """Numbers, names with numbers and quotations in a reason."""
 
 
 class Throttle:
-    """Logs one line a second for each subject: the first at once, then the last of each second."""
+    """Logs one line a second of each kind: the first at once, then the last of each second with the number of them.
+
+    Lines on one subject that differ only in numbers and quoted names are of one kind. Beyond a number of kinds in a
+    second, those on one subject count as one.
+    """
 
     def __init__(self, warn: Callable[[str], Any]) -> None:
         """Start with nothing logged.
@@ -27,33 +32,38 @@ class Throttle:
         """
         self._warn = warn
         self._lock = threading.Lock()
-        self._last: dict[str, float] = {}
-        self._held: dict[str, tuple[int, str]] = {}
+        self._last: dict[tuple[str, str], float] = {}
+        self._held: dict[tuple[str, str], tuple[int, str]] = {}
 
     def warn(self, subject: str, text: str) -> None:
-        """Log a line, or hold it when one on this subject was logged within the last second.
+        """Log a line, or hold it when one of its kind was logged within the last second.
 
         Args:
             subject: subject of the line, from a bounded set.
             text: the line.
         """
         now = time.monotonic()
+        kind = subject, _PARTICULAR.sub("#", text)
         with self._lock:
-            if now - self._last.get(subject, -_QUIET_S) < _QUIET_S or subject in self._held:
-                self._held[subject] = self._held.get(subject, (0, ""))[0] + 1, text
+            if kind not in self._last and len(self._last) >= _MOST_KINDS:
+                kind = subject, ""
+            if now - self._last.get(kind, -_QUIET_S) < _QUIET_S or kind in self._held:
+                self._held[kind] = self._held.get(kind, (0, ""))[0] + 1, text
                 return
-            self._last[subject] = now
+            self._last[kind] = now
         self._warn(text)
 
     def flush(self) -> None:
-        """Log the lines that have been held for a second; call it about once a second."""
+        """Log the lines that have been held for a second, in the order of the first of each kind, once a second."""
         now = time.monotonic()
         with self._lock:
-            due = [s for s in self._held if now - self._last[s] >= _QUIET_S]
-            lines = [self._held.pop(s) for s in due]
+            due = [kind for kind in self._held if now - self._last[kind] >= _QUIET_S]
+            lines = [(kind, *self._held.pop(kind)) for kind in due]
+            self._last = {k: at for k, at in self._last.items() if now - at < _QUIET_S or k in self._held}
             self._last.update(dict.fromkeys(due, now))
-        for count, text in lines:
-            self._warn(f"{text} (and {count - 1} more like it)" if count > 1 else text)
+        for (_, pattern), count, text in lines:
+            more = f" (and {count - 1} more{' like it' if pattern else ''})" if count > 1 else ""
+            self._warn(text + more)
 
 
 @dataclass
@@ -76,7 +86,7 @@ class Reason:
 
 
 class Refusals:
-    """Counts refused messages by topic and reason and logs them, one a second and topic.
+    """Counts refused messages by topic and reason and logs them, each reason at most once a second.
 
     Reasons that differ only in numbers and quoted names count as one.
     """
@@ -103,7 +113,7 @@ class Refusals:
         return list(self._reasons.values())
 
     def add(self, topic: str, why: str, now_ns: int) -> None:
-        """Count a refused message and log the reason, at most once a second for each topic.
+        """Count a refused message and log the reason, each at most once a second for each topic.
 
         Args:
             topic: topic on which it arrived.
