@@ -13,13 +13,14 @@ import numpy as np
 
 from crawler_model.errors import LARGEST
 from crawler_model.identify.measurements import MeasurementError
+from crawler_model.scene.text import decode_text
 
 PARQUET = ".parquet"
 _DELIMITERS = ("\t", ";", ",")
 """In this order: names may contain commas where another delimiter separates them."""
 MOST_NAMED = 12
 """Columns of a table that a message lists."""
-_BEGINS_COMMENT = (b"#", b'"#')
+_BEGINS_COMMENT = ("#", '"#')
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +31,15 @@ class Table:
         path: the file.
         names: of the columns in the header, shape (C,).
         cells: a pyarrow table of R rows and C columns; text, or what a Parquet file contains.
+        rows: numbers of the rows, shape (R,): of their lines in a CSV file, where the first line is 1, or of the rows
+            of a Parquet file, which count from 0.
         decimal_commas: whether a number may have a decimal comma, because no comma separates the columns.
     """
 
     path: Path
     names: tuple[str, ...]
     cells: Any
+    rows: np.ndarray
     decimal_commas: bool
 
     @property
@@ -66,8 +70,11 @@ def open_table(path: Path) -> Table:
         if kind == "CSV":
             return _open_csv(path)
         cells = parquet.read_table(path)
-        return Table(path, tuple(str(name).strip() for name in cells.column_names), cells, False)
-    except (pa.ArrowException, csv.Error, UnicodeDecodeError, OSError) as error:
+        names = tuple(str(name).strip() for name in cells.column_names)
+        return Table(path, names, cells, np.arange(cells.num_rows), False)
+    except MeasurementError:
+        raise
+    except (pa.ArrowException, csv.Error, ValueError, OSError) as error:
         reason = str(error).partition("\n")[0]  # pyarrow shows the row, which may contain quoted line breaks
         raise MeasurementError(f"{path}: not a {kind} table with a header ({reason})") from None
 
@@ -77,22 +84,37 @@ def _open_csv(path: Path) -> Table:
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
-    lines = [line for line in path.read_bytes().removeprefix(b"\xef\xbb\xbf").splitlines() if line.strip()]
-    lines = [line for line in lines if not line.lstrip().startswith(_BEGINS_COMMENT)]
-    header = lines[0].decode() if lines else ""
+    text = io.StringIO(decode_text(path.read_bytes()), newline=None).read()  # whatever ends its lines
+    lines = list(enumerate(text.split("\n"), 1))
+    lines = [(k, line) for k, line in lines if line.strip() and not line.lstrip().startswith(_BEGINS_COMMENT)]
+    header = lines[0][1] if lines else ""
     splits = {one: next(csv.reader([header], delimiter=one), []) for one in _DELIMITERS}
     delimiter = next((one for one in _DELIMITERS if len(splits[one]) > 1), ",")
     names = tuple(name.strip() for name in splits[delimiter])
     numbered = [str(place) for place in range(len(names))]  # because names may occur twice
-    if len(lines) < 2:
-        return Table(path, names, pa.table({place: pa.array([], pa.string()) for place in numbered}), False)
-    cells = arrow_csv.read_csv(
-        io.BytesIO(b"\n".join(lines[1:])),
-        read_options=arrow_csv.ReadOptions(column_names=numbered, use_threads=False),  # an error then has its row
-        parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
-        convert_options=arrow_csv.ConvertOptions(column_types=dict.fromkeys(numbered, pa.string())),
-    )
-    return Table(path, names, cells, delimiter != ",")
+    rows = np.array([k for k, _ in lines[1:]], np.int64)
+    if not rows.size:
+        return Table(path, names, pa.table({place: pa.array([], pa.string()) for place in numbered}), rows, False)
+    wrong: list[Any] = []
+
+    def note_wrong(row: Any) -> str:
+        wrong.append(row)
+        return "error"
+
+    try:
+        cells = arrow_csv.read_csv(
+            io.BytesIO("\n".join(line for _, line in lines[1:]).encode()),
+            read_options=arrow_csv.ReadOptions(column_names=numbered, use_threads=False),  # an error then has its row
+            parse_options=arrow_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=note_wrong),
+            convert_options=arrow_csv.ConvertOptions(column_types=dict.fromkeys(numbered, pa.string())),
+        )
+    except pa.ArrowInvalid:
+        if not wrong or wrong[0].number is None:
+            raise
+        raise MeasurementError(
+            f"{path}: row {rows[wrong[0].number - 1]} has {wrong[0].actual_columns} cells, the header has {len(names)}"
+        ) from None
+    return Table(path, names, cells, rows, delimiter != ",")
 
 
 def read_numbers(table: Table, names: Sequence[str]) -> np.ndarray:
@@ -120,7 +142,7 @@ def read_numbers(table: Table, names: Sequence[str]) -> np.ndarray:
     texts = [column for column in cells.values() if pa.types.is_string(column.type)]
     found = {mark: sum(pc.sum(pc.match_substring(text, mark)).as_py() or 0 for text in texts) for mark in ",."}
     commas = table.decimal_commas and found[","] > found["."]  # the others are then mistakes, and named
-    columns = [_convert(name, one, column, commas) for one, column in cells.items()]
+    columns = [_convert(table, one, column, commas) for one, column in cells.items()]
     return np.column_stack(columns) if columns else np.zeros((table.cells.num_rows, 0))
 
 
@@ -140,7 +162,7 @@ def _tidy(table: str, name: str, column: Any) -> Any:
     return pc.if_else(pc.is_in(pc.utf8_lower(text), value_set=pa.array(sorted(markers))), None, text)
 
 
-def _convert(table: str, name: str, column: Any, commas: bool) -> np.ndarray:
+def _convert(table: Table, name: str, column: Any, commas: bool) -> np.ndarray:
     """Convert a tidy column to float64, shape (R,); text with decimal commas, or with decimal points."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -154,13 +176,14 @@ def _convert(table: str, name: str, column: Any, commas: bool) -> np.ndarray:
         row = next((row for row, cell in enumerate(plain.to_pylist()) if not _is_number(cell)), 0)
         mark = " with a decimal comma, as most in this table" if commas else ""
         raise MeasurementError(
-            f"{table}: column {name}, row {row}: {column[row].as_py()!r} is not a number{mark}"
+            f"{table.path.name}: column {name}, row {table.rows[row]}: {column[row].as_py()!r} is not a number{mark}"
         ) from None
     beyond = np.flatnonzero(np.abs(values) > LARGEST)
     if beyond.size:
         row = int(beyond[0])
         raise MeasurementError(
-            f"{table}: column {name}, row {row}: {values[row]:g}; it must be at most {LARGEST:g} in size"
+            f"{table.path.name}: column {name}, row {table.rows[row]}: {values[row]:g}; it must be at most {LARGEST:g} "
+            "in size"
         )
     return values
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from crawler_model import Measurements
-from crawler_model.identify.measurements import MeasurementError, channel_names
+from crawler_model.identify.measurements import MeasurementError, channel_names, check_times
 from crawler_model.scene.scene import Scene
 
 from .cells import MOST_NAMED, Table, open_table, read_numbers
@@ -53,12 +53,15 @@ def read_table(
     channels = [n for n in first.names if n in known or (n.startswith(looks) and "/" not in n)]
     names = _commands_of(first) if commands is None else []
     numbers = read_numbers(first, ["time", *channels, *names])
-    numbers = numbers[np.isfinite(numbers).any(axis=1)]  # spreadsheets write rows without contents
+    filled = np.isfinite(numbers).any(axis=1)  # spreadsheets write rows without contents
+    numbers, number_of_row = numbers[filled], first.rows[filled]
     time, values, rows = np.split(numbers, [1, 1 + len(channels)], axis=1)
+    check_times(path.name, "time", time[:, 0], number_of_row)
     command_time = time
     if commands is not None:
         names, command_time, rows = _read_commands(tables[1])
-    command_time, rows = _given(tables[-1].path.name, names, command_time[:, 0], rows)
+        number_of_row = tables[1].rows
+    command_time, rows = _given(tables[-1].path.name, names, command_time[:, 0], rows, number_of_row)
     _list_unread(first, ["time", *channels, *_commands_of(first)])
     if commands is not None:
         _list_unread(tables[1], ["time", *names])
@@ -129,7 +132,9 @@ def _list_unread(table: Table, read: Sequence[str]) -> None:
         print(f"crawler: {table.path.name}: columns not used: {', '.join(unread[:MOST_NAMED])}{more}", file=sys.stderr)
 
 
-def _given(table: str, names: list[str], time: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _given(
+    table: str, names: list[str], time: np.ndarray, rows: np.ndarray, numbers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Select the rows in which commands are given, with their times; all commands of a row, or none."""
     if not names:
         return np.zeros(0), np.zeros((0, 0))
@@ -141,7 +146,7 @@ def _given(table: str, names: list[str], time: np.ndarray, rows: np.ndarray) -> 
     if partly.size:
         row = int(partly[0])
         raise MeasurementError(
-            f"{table}: {names[int(np.argmax(missing[row]))]} is missing in row {row} (time {time[row]:g}), other "
-            "commands are not; give all commands of a row, or none"
+            f"{table}: {names[int(np.argmax(missing[row]))]} is missing in row {numbers[row]} (time {time[row]:g}), "
+            "other commands are not; give all commands of a row, or none"
         )
     return time[given], rows[given]

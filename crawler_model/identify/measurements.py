@@ -173,11 +173,11 @@ def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
         )
     if shape[0] < _FEWEST:
         raise MeasurementError(f"{name}: {shape[0]} rows are too few; at least {_FEWEST} are needed")
-    _check_times(name, "time", arrays["time"])
+    check_times(name, "time", arrays["time"])
     _check_values(name, measured.channels, arrays["time"], arrays["values"])
     start = float(arrays["time"][0])
     if measured.command_names:
-        _check_times(name, "time of the commands", command_time)
+        check_times(name, "time of the commands", command_time)
         commands = tuple(f"command/{column}" for column in measured.command_names)
         _check_commands(name, commands, command_time, arrays["commands"])
         start = float(command_time[0])
@@ -234,15 +234,28 @@ def _check_names(scene: Scene, measured: Measurements) -> None:
         )
 
 
-def _check_times(name: str, what: str, time: np.ndarray) -> None:
+def check_times(name: str, what: str, time: np.ndarray, rows: np.ndarray | None = None) -> None:
+    """Check that times are given and increase.
+
+    Args:
+        name: name of the recording, for messages.
+        what: what is timed.
+        time: the times, shape (T,) [s].
+        rows: numbers of the rows in messages, shape (T,); by default they count from 0.
+
+    Raises:
+        MeasurementError: naming the first row that is wrong.
+    """
+    numbers = np.arange(time.size) if rows is None else rows
     if not np.isfinite(time).all():
         row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise MeasurementError(f"{name}: {what} is missing in row {row}; every row needs it, in seconds")
+        raise MeasurementError(f"{name}: {what} is missing in row {numbers[row]}; every row needs it, in seconds")
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         row = int(back[0])
         raise MeasurementError(
-            f"{name}: {what} {time[row + 1]:g} s in row {row + 1} does not come after {time[row]:g} s; it must increase"
+            f"{name}: {what} {time[row + 1]:g} s in row {numbers[row + 1]} does not come after {time[row]:g} s; it "
+            "must increase"
         )
 
 

@@ -146,18 +146,21 @@ def _read(layout: Layout, table: np.ndarray) -> tuple[np.ndarray, list[np.ndarra
 
 
 class Decoder:
-    """Reads the messages of one topic."""
+    """Reads the messages of one topic; numbers of joints are in the order of the first message, whatever their own."""
 
-    def __init__(self, topic: str, kind: str) -> None:
+    def __init__(self, topic: str, kind: str, parts: bool = False) -> None:
         """Start without a layout; the first message determines it.
 
         Args:
             topic: its name, for errors.
             kind: JOINT_STATE, TRAJECTORY, POSE or ODOMETRY.
+            parts: whether a message may hold some of the joints, as where several programs publish the states of one
+                robot; numbers of the others are NaN, and joints that appear later are added behind.
         """
         self.topic = topic
         self.names: tuple[str, ...] | None = None
         self._kind = kind
+        self._parts = parts
         self._layouts: dict[int, Layout] = {}
 
     def read(self, block: Block, which: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, list[np.ndarray]]]:
@@ -171,7 +174,8 @@ class Decoder:
             Groups of messages of one size: their indices in `which`, times (K, 1 + points) [ns], and their sequences.
 
         Raises:
-            BagError: when bytes are not a message of this type, or the joints differ from those of earlier messages.
+            BagError: when bytes are not a message of this type, their numbers are not as many as their joints, or the
+                joints differ from those of earlier messages.
         """
         groups = []
         sizes = block.size[which]
@@ -191,11 +195,27 @@ class Decoder:
             else:
                 same = np.zeros(at.size, bool)
             if same.any():
-                groups.append((at[same], *_read(layout, table[same])))
+                groups.append((at[same], *self._read(layout, table[same])))
             for row in np.flatnonzero(~same):
                 own, plain = self._find(table[row].tobytes(), block)
-                groups.append((at[row : row + 1], *_read(own, np.frombuffer(plain, np.uint8)[None])))
+                groups.append((at[row : row + 1], *self._read(own, np.frombuffer(plain, np.uint8)[None])))
         return groups
+
+    def _read(self, layout: Layout, table: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Read messages of one layout as `_read`, with the numbers in the order of our names."""
+        times, numbers = _read(layout, table)
+        names, own = self.names or (), layout.names
+        if own == names:
+            return times, numbers
+        places = [names.index(name) for name in own]
+        ordered = []
+        for part in numbers:
+            if part.shape[1] not in (0, len(own)):
+                raise BagError(f"{self.topic}: {part.shape[1]} numbers for the {len(own)} joints {', '.join(own[:4])}")
+            row = np.full((part.shape[0], len(names) if part.shape[1] else 0), np.nan)
+            row[:, places[: part.shape[1]]] = part
+            ordered.append(row)
+        return times, ordered
 
     def _find(self, data: bytes, block: Block) -> tuple[Layout, bytes]:
         """Find the layout of a message; re-encode it first if its encoding differs from ours."""
@@ -206,7 +226,9 @@ class Decoder:
             layout = find_layout(self._kind, data)
         if self.names is None:
             self.names = layout.names
-        elif layout.names != self.names:
+        elif self._parts:
+            self.names += tuple(name for name in dict.fromkeys(layout.names) if name not in self.names)
+        elif sorted(layout.names) != sorted(self.names):
             before, after = ", ".join(self.names[:4]), ", ".join(layout.names[:4])
             raise BagError(
                 f"{block.source}: {self.topic}: its joints change from {before} to {after}: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -12,11 +13,13 @@ from crawler_model import MeasurementError, Measurements, Scene
 from crawler_model.body.drive import NS
 from crawler_model.identify.measurements import channel_names
 
+from ..wire.states import contact_names
 from . import bag
 from .layouts import JOINT_STATE, TRAJECTORY, Decoder
 from .recorded_robot import noted_robot, robot_in
 
 _FEWEST = 8
+_MOST_NAMED = 10
 _KINDS = {"contact_states": JOINT_STATE, "joint_states": JOINT_STATE, "applied_commands": TRAJECTORY}
 
 
@@ -62,11 +65,12 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
     names, stamps, values, _ = _read(blocks, head, wanted[kind], JOINT_STATE)
     columns, begin, points, after = _read(blocks, head, wanted["applied_commands"], TRAJECTORY)
     known = channel_names(scene)
-    used = [i for i, name in enumerate(names) if name in known or kind == "joint_states"]
-    position = np.array([row[0] for row in values])[:, used]
+    used = [i for i, name in enumerate(names) if name in known]
+    _list_unused(path, scene, [name for name in names if name not in known])
+    position = _in_columns([row[0] for row in values], len(names))[:, used]
     channels = tuple(names[i] for i in used)
-    if kind == "joint_states" and channels[0] == "contact_0":  # along the ground: x_0, without the reference position
-        position[:, 0] += float(scene.body.position[scene.body.isolated[0]])
+    if kind == "joint_states" and "contact_0" in channels:  # along the ground: x_0, without the reference position
+        position[:, channels.index("contact_0")] += float(scene.body.position[scene.body.isolated[0]])
     if not any(points):
         raise MeasurementError(f"{path}: {wanted['applied_commands']} contains no command")
     states, commands = _runs(stamps), _runs(begin)
@@ -81,12 +85,38 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
         if rows.stop - rows.start < min(_FEWEST, longest) or not any(points[sent]):
             continue
         name = path.name if len(states) == 1 else f"{path.name} run {number}"
-        time, kept = np.unique(stamps[rows], return_index=True)
+        time, measured = _join(stamps[rows], position[rows])
         named, used_commands, instants = _commands(
             scene, columns, begin[sent], points[sent], after[sent], int(time[-1])
         )
-        found.append(Measurements(name, time / NS, channels, position[rows][kept], named, used_commands, instants))
+        found.append(Measurements(name, time / NS, channels, measured, named, used_commands, instants))
     return found
+
+
+def _list_unused(path: Path, scene: Scene, names: Sequence[str]) -> None:
+    """Print which joints the scene lacks; the ends of segments are among its contacts."""
+    lacking = [name for name in names if name not in contact_names(scene.body)]
+    if lacking:
+        more = f" and {len(lacking) - _MOST_NAMED} more" if len(lacking) > _MOST_NAMED else ""
+        text = f"joints not used, which {scene.name} does not have: {', '.join(lacking[:_MOST_NAMED])}{more}"
+        print(f"crawler: {path.name}: {text}", file=sys.stderr)
+
+
+def _in_columns(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
+    """Stack rows; what the first ones lack of joints that appeared later is NaN."""
+    table = np.full((len(rows), width), np.nan)
+    for k, row in enumerate(rows):
+        table[k, : row.size] = row
+    return table
+
+
+def _join(stamps: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Join rows of one stamp, of which each may hold other joints; the first number of a joint counts."""
+    time, place = np.unique(stamps, return_inverse=True)
+    joined = np.full((time.size, rows.shape[1]), np.nan)
+    for k, row in zip(place.tolist(), rows, strict=True):
+        np.copyto(joined[k], row, where=np.isnan(joined[k]))
+    return time, joined
 
 
 def _commands(
@@ -101,6 +131,7 @@ def _commands(
     known = scene.columns.names
     actuators = known[: scene.columns.lengths]
     commands = {name for name, commanded in zip(known, scene.commanded, strict=True) if commanded}
+    points = _fill(points, len(columns))
     in_force = next(rows[0] for rows in points if rows).copy()
     for c, name in enumerate(columns):
         if name in actuators:
@@ -110,11 +141,22 @@ def _commands(
     return tuple(columns[c] for c in moving), rows[:, moving], time / NS
 
 
+def _fill(points: list[list[np.ndarray]], width: int) -> list[list[np.ndarray]]:
+    """Fill in what messages leave out: a name holds its last number, and before the first one this."""
+    sizes = [len(rows) for rows in points]
+    table = _in_columns([row for rows in points for row in rows], width)
+    given = ~np.isnan(table)
+    last = np.maximum.accumulate(np.where(given, np.arange(len(table))[:, None], -1), axis=0)
+    last = np.where(last < 0, given.argmax(axis=0), last)
+    filled = iter(np.take_along_axis(table, last, axis=0))
+    return [list(itertools.islice(filled, size)) for size in sizes]
+
+
 def _read(
     blocks: list[bag.Block], head: bag.Bag, topic: str, kind: str
 ) -> tuple[tuple[str, ...], np.ndarray, list[list[np.ndarray]], list[np.ndarray]]:
     """Read all messages of a topic in order: names, stamps [ns], sequences of numbers, times of points [ns]."""
-    decoder = Decoder(topic, kind)
+    decoder = Decoder(topic, kind, parts=True)
     stamps: list[int] = []
     values: list[list[np.ndarray]] = []
     after: list[np.ndarray] = []

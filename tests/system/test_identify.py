@@ -160,9 +160,9 @@ def no_commands(header, rows):
     ("spoil", "message"),
     [
         (without_time, "no column `time`"),
-        (infinite, "run.csv: column contact_1, row 17: inf; it must be at most 1e+100 in size"),
+        (infinite, "run.csv: column contact_1, row 19: inf; it must be at most 1e+100 in size"),
         (nearly_nothing, "contact_1 has 7 value(s) and is missing in all other rows; at least 8 are needed"),
-        (half_a_command, "command/link_1 is missing in row 17 (time 0.34), other commands are not"),
+        (half_a_command, "command/link_1 is missing in row 19 (time 0.34), other commands are not"),
         (no_command_at_all, "no row has a command; fill in command/link_0"),
         (twice, "column contact_0 is given twice"),
         (millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
@@ -282,6 +282,43 @@ def test_recordings_are_read(tmp_path, capsys, kind):
     assert status == 0, error
     (found,) = json.loads(text)["parameters"]
     assert found["verdict"] == "identified"
+    assert found["value"] == pytest.approx(true, rel=1e-9)
+
+
+def test_joints_of_a_recording_are_found_by_name_in_every_message(tmp_path, capsys):
+    """Their order changes, some messages hold some of them, and one joint is not of this body."""
+    pytest.importorskip("mcap")
+    rosbags = pytest.importorskip("rosbags.typesys")
+    store = rosbags.get_typestore(rosbags.Stores.ROS2_JAZZY)
+    scene = load_scene("two_contacts_anisotropic")
+    bag = recordings.record(tmp_path / "bag", scene, 3.0)
+    sent, states = [], 0
+    for record in recordings.read(bag):
+        name = record.topic.removeprefix("/")
+        if name == "joint_states":
+            message = store.deserialize_cdr(record.data, "sensor_msgs/msg/JointState")
+            order = [[0, 1, 2], [2, 1, 0], [1, 2], [0, 2]][states % 4] if states else [2, 0, 1]
+            states += 1
+            for key in ("name", "position", "velocity", "effort"):
+                given = [*getattr(message, key), "gripper" if key == "name" else 7.0 + states]
+                some = [given[i] for i in order]
+                setattr(message, key, some if key == "name" else np.array(some))
+            data = bytes(store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+            sent.append((name, 0, data))
+        elif name == "applied_commands":
+            sent.append((name, 0, record.data))
+    bag = recordings.write(tmp_path / "robot", sent, {}, "/robot/")
+    document = scene.document()
+    document["friction"]["forward"] = 1.2 * (true := float(scene.drive.forward[0, 0]))
+    (tmp_path / "guess.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
+    words = ("identify", bag, "--scene", tmp_path / "guess.yaml", "--fit", "friction.forward", "--json")
+    topics = [f"--topic={name}=/robot/{name}" for name in ("joint_states", "applied_commands")]
+    status, text, error = run(capsys, *words, *topics)
+    assert (status, error) == (
+        0,
+        "crawler: robot: joints not used, which two_contacts_anisotropic does not have: gripper\n",
+    )
+    (found,) = json.loads(text)["parameters"]
     assert found["value"] == pytest.approx(true, rel=1e-9)
 
 
@@ -611,7 +648,7 @@ def test_a_table_of_a_laboratory_is_identified_as_the_plain_one_is(robot, tmp_pa
         (("--commands", "{}/bag"), "/bag is not a table; its name must end in one of .csv, .tsv, .txt, .parquet"),
         (("--commands", "{}/none.csv"), "/none.csv: no such file"),
         (("--commands", "{}/camera.csv"), "camera.csv: no column `command/...`; the header is time,contact_0"),
-        (("--commands", "{}/half.csv"), "half.csv: command/link_1 is missing in row 4 (time 0.08), other commands are"),
+        (("--commands", "{}/half.csv"), "half.csv: command/link_1 is missing in row 6 (time 0.08), other commands are"),
         (
             ("--commands", "{}/half.csv", "--columns", "command/link_0=m"),
             "half.csv has no column m; its header is time,",
@@ -658,21 +695,21 @@ def test_options_of_tables_are_refused_with_a_recording(robot, tmp_path, capsys,
         (
             b"0,02;",
             b"0.02;",
-            "column time, row 1: '0.02' is not a number with a decimal comma, as most in this table",
+            "column time, row 3: '0.02' is not a number with a decimal comma, as most in this table",
         ),
-        (b"0.02;", b"0,02;", "column time, row 1: '0,02' is not a number"),
-        (b"0,02;", b"1.000,02;", "column time, row 1: '1.000,02' is not a number with a decimal comma"),
-        (b"0,02;", b"0:02;", "column time, row 1: '0:02' is not a number"),
-        (b"0,02;", b"2024-01-01 00:00:00;", "column time, row 1: '2024-01-01 00:00:00' is not a number"),
-        (b"0,02;", b"0,02;7;", "not a CSV table with a header (CSV parse error: Row #2: Expected 6 columns, got 7"),
+        (b"0.02;", b"0,02;", "column time, row 3: '0,02' is not a number"),
+        (b"0,02;", b"1.000,02;", "column time, row 3: '1.000,02' is not a number with a decimal comma"),
+        (b"0,02;", b"0:02;", "column time, row 3: '0:02' is not a number"),
+        (b"0,02;", b"2024-01-01 00:00:00;", "column time, row 3: '2024-01-01 00:00:00' is not a number"),
+        (b"0,02;", b"0,02;7;", "run.csv: row 3 has 7 cells, the header has 6"),
         (
             b"0,02;",
             b'0,02;7;"\n";',
-            "not a CSV table with a header (CSV parse error: Row #2: Expected 6 columns, got 8",
+            "run.csv: row 3 has 8 cells, the header has 6",
         ),
-        (b"\n0,02;", b"\n;", "time is missing in row 1; every row needs it"),
+        (b"\n0,02;", b"\n;", "time is missing in row 3; every row needs it"),
         (b"time;", b"Zeit;", "no column `time`; the header is Zeit,contact_0,contact_1,"),
-        (b"time;", b"time,", "Expected 5 columns, got 6"),
+        (b"time;", b"time,", "run.csv: row 2 has 6 cells, the header has 5"),
     ],
 )
 def test_a_cell_that_is_no_number_is_named(robot, tmp_path, old, new, message):
@@ -693,6 +730,37 @@ def test_an_empty_table_is_refused(robot, tmp_path, data):
         read(tmp_path / "run.csv", load_scene("two_contacts_anisotropic"))
 
 
+@pytest.mark.parametrize(
+    ("encoding", "message"),
+    [
+        ("utf-16", "its encoding is UTF-16; save it as UTF-8"),
+        (
+            "cp1252",
+            "byte 0xb5 in line 2 is not UTF-8; in the encoding cp1252 (Windows) it is 'µ': save the file as UTF-8",
+        ),
+    ],
+)
+def test_the_encoding_of_a_table_is_named(robot, tmp_path, encoding, message):
+    guess, header, rows = robot
+    text = write_csv(tmp_path / "run.csv", header, rows).read_text()
+    (tmp_path / "run.csv").write_bytes(f"# of camera 2\n# in µm\n{text}".encode(encoding))
+    with pytest.raises(MeasurementError) as refused:
+        read(tmp_path / "run.csv", guess)
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_rows_are_counted_as_in_the_file(robot, tmp_path, end):
+    """Comments and empty lines count, too."""
+    guess, header, rows = robot
+    header_line, first, second, *rest = write_csv(tmp_path / "run.csv", header, rows).read_text().splitlines()
+    spoilt = ",".join(["soon", *second.split(",")[1:]])
+    lines = ["# of camera 2", "", header_line, first, "", "# moved by hand", spoilt, *rest]
+    (tmp_path / "run.csv").write_bytes(end.join(lines).encode())
+    with pytest.raises(MeasurementError, match="column time, row 7: 'soon' is not a number"):
+        read(tmp_path / "run.csv", guess)
+
+
 # -- damaged tables ---------------------------------------------------------------------------------------------------
 
 
@@ -703,7 +771,7 @@ def test_a_number_beyond_all_use_and_a_header_that_is_no_text_are_named(robot, t
     rows[5, 1] = 1e300
     status, _, err = run(capsys, "identify", write_csv(tmp_path / "large.csv", header, rows), *options)
     assert (status, err.count("\n")) == (1, 1)
-    assert f"large.csv: column {header[1]}, row 5: 1e+300; it must be at most 1e+100 in size" in err
+    assert f"large.csv: column {header[1]}, row 7: 1e+300; it must be at most 1e+100 in size" in err
     other = tmp_path / "other.csv"
     other.write_bytes(b"time,\xff\xfe,contact_0\n" + b"0,1,2\n" * 30)
     status, _, err = run(capsys, "identify", other, *options)
