@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import itertools
 import json
 import os
@@ -16,6 +17,7 @@ import yaml
 
 from ..errors import SceneError
 from .scene import Scene
+from .text import decode_text
 
 LARGEST_FILE = 16 << 20
 """Maximum size of a scene file, in bytes."""
@@ -23,6 +25,8 @@ _MOST_VALUES = 1_000_000
 """Maximum number of values in a scene; they take about a second to read."""
 _MOST_YAML = 50_000
 """Maximum number of values in YAML; JSON is read fifty times faster."""
+_MOST_DIGITS = 1000
+"""Of a number; a float has at most some 300 before its decimal point."""
 _DEEPEST = 100
 """Maximum depth of nested lists and mappings."""
 
@@ -52,7 +56,10 @@ def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
             )
         key = loader.construct_object(key_node)
         if not isinstance(key, str):
-            raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not text", key_node.start_mark)
+            text = f"key {key!r} is not text"
+            if isinstance(key, (int, float)) and not isinstance(key, bool):
+                text += "; numbers have a decimal point: a comma begins another key"
+            raise yaml.constructor.ConstructorError(None, None, text, key_node.start_mark)
         if key in seen:
             raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is given twice", key_node.start_mark)
         seen.add(key)
@@ -60,7 +67,21 @@ def _mapping_once(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
 
 
 _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_once)
-_Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(loader.construct_scalar(node)))  # 010 is ten
+
+
+def _number(kind: type[int] | type[float], loader: _Loader, node: yaml.ScalarNode) -> int | float:
+    """Read a number as Python does, 010 as ten, but infinity and NaN as YAML writes them."""
+    text = loader.construct_scalar(node)
+    if len(text) > _MOST_DIGITS:
+        raise yaml.constructor.ConstructorError(None, None, f"a number of {len(text)} digits", node.start_mark)
+    try:
+        return kind(text.replace(".i", "i").replace(".I", "I").replace(".n", "n").replace(".N", "N"))
+    except ValueError:
+        raise yaml.constructor.ConstructorError(None, None, f"{text!r} is not a number", node.start_mark) from None
+
+
+for _kind in (int, float):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind.__name__}", functools.partial(_number, _kind))
 
 
 def _pairs_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -151,9 +172,11 @@ def _parse(text: str, source: str) -> Any:
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from None
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
+        mark, problem = error.problem_mark, error.problem
         where = f" in line {mark.line + 1}" if mark is not None else ""
-        raise SceneError(f"{source}: not plain YAML{where}: {error.problem}") from None
+        if mark is not None and "\t" in "".join(text.split("\n")[mark.line : mark.line + 1])[: mark.column + 1]:
+            problem = f"{problem}; it is a tab: indent with spaces"
+        raise SceneError(f"{source}: not plain YAML{where}: {problem}") from None
     except (yaml.YAMLError, RecursionError, ValueError) as error:  # e.g. an impossible date
         raise SceneError(f"{source}: not plain YAML: {' '.join(str(error).split())[:200]}") from None
 
@@ -209,7 +232,7 @@ def _read(path: Path, name: str) -> str:
         if size > LARGEST_FILE:
             raise ValueError(f"it has {size} bytes; a scene has at most {LARGEST_FILE}")
         with path.open("rb") as stream:
-            return stream.read(LARGEST_FILE).decode("utf-8")
+            return decode_text(stream.read(LARGEST_FILE))
     except (OSError, ValueError) as error:
         raise SceneError(f"{name}: cannot be read: {error}") from None
 

@@ -19,6 +19,7 @@ _MOST_LISTED = 20  # keys listed in an error message
 _NEAR = 0.6  # minimum similarity of a proposed key
 _INNER = re.compile(r"function-|literal\[|(\w+Part|float|int|str)$")
 """Entries that pydantic adds to a path for unions of types."""
+_PLAIN_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WITH_UNIT = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?\s*[a-zA-Z°µ/%^0-9]+$")
 """A number and a unit."""
 _EXPECTED, _PLAIN = "Input should be ", {"a valid tuple": "a list", "a valid string": "text"}
@@ -96,13 +97,18 @@ def _describe_one(mistake: ErrorDetails) -> str:
         return f"{where}: {_shorten(mistake['input'])}; it must be {_PLAIN.get(wanted, wanted)}{mapping}"
     text = mistake["msg"].removeprefix("Value error, ")
     if text.endswith("is not a number"):
-        text += _explain_unit(mistake["input"], path)
+        text += _explain_number(mistake["input"], path)
     return f"{where}: {text}" if where else text
 
 
-def _explain_unit(value: object, path: list[str]) -> str:
-    """Explain a value that was given with its unit, as '8 deg'."""
-    if not isinstance(value, str) or not _WITH_UNIT.match(value):
+def _explain_number(value: object, path: list[str]) -> str:
+    """Explain a number in the spelling of other programs, as '0,1', or that was given with its unit, as '8 deg'."""
+    if not isinstance(value, str):
+        return ""
+    plain = value.strip().replace("\u2212", "-").replace(",", ".")
+    if _PLAIN_NUMBER.fullmatch(plain):
+        return f"; write {plain}"
+    if not _WITH_UNIT.match(value):
         return ""
     names = [p for p in path if not p.isdigit()]
     field = _fields(path[: path.index(names[-1])]).get(names[-1]) if names else None
