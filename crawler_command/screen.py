@@ -276,18 +276,37 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises:
         KeyboardInterrupt: after Ctrl-C, also where a library raises another error because of it.
     """
-    handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
-    os.close(handle)
-    part = Path(name)
+    with named_errors(path):
+        handle, name = tempfile.mkstemp(suffix=path.suffix, prefix=f".{path.stem}_", dir=path.absolute().parent)
+        os.close(handle)
+        part = Path(name)
+        try:
+            with _plain_interrupts():
+                yield part
+            mask = os.umask(0)
+            os.umask(mask)
+            part.chmod(0o666 & ~mask)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """Name the file or folder that is being written in errors, as of a full disk; libraries name none.
+
+    Args:
+        path: the file or folder.
+
+    Raises:
+        CrawlerError: when it cannot be written.
+    """
     try:
-        with _plain_interrupts():
-            yield part
-        mask = os.umask(0)
-        os.umask(mask)
-        part.chmod(0o666 & ~mask)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        yield
+    except OSError as error:
+        if error.filename is not None and Path(error.filename).absolute().parent != path.absolute().parent:
+            raise  # of another file, or of one in the folder, which it names
+        raise CrawlerError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from .screen import (
     SceneArgument,
     TwoColumnsOption,
     check_output,
+    named_errors,
     progress_bar,
     screen,
     whole_file,
@@ -74,24 +75,25 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
     if isinstance(run.scene, Scene):
         about["document"] = run.scene.document()
     with ExitStack() as files:
-        writers: list[Any] = []
+        writers: list[tuple[Path, Any]] = []
         if parquet is not None:
             from pyarrow.parquet import ParquetWriter
 
             described = schema.with_metadata({"crawler_trajectory": json.dumps(about, sort_keys=True)})
             part = files.enter_context(whole_file(parquet))
-            writers.append(files.enter_context(ParquetWriter(part, described, compression="zstd")))
+            writers.append((parquet, files.enter_context(ParquetWriter(part, described, compression="zstd"))))
         if csv is not None:
             from pyarrow.csv import CSVWriter, WriteOptions
 
             handle = files.enter_context(files.enter_context(whole_file(csv)).open("wb"))
             handle.write((",".join(schema.names) + "\n").encode())
             options = WriteOptions(include_header=False)
-            writers.append(files.enter_context(CSVWriter(handle, schema, write_options=options)))
+            writers.append((csv, files.enter_context(CSVWriter(handle, schema, write_options=options))))
         done = 0
         for batch in run.build_batches():
-            for writer in writers:
-                writer.write_batch(batch)
+            for path, writer in writers:
+                with named_errors(path):
+                    writer.write_batch(batch)
             done += batch.num_rows
             progress(done / run.time.size)
 
