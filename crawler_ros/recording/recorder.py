@@ -26,10 +26,12 @@ from .bag_writer import BagWriter, describe_channel
 from .record_head import message_head
 
 FLUSH_EVERY_S = 0.5
+_FIRST_FLUSH_S = 0.1
 
 _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
 _LOOK_EVERY_S = 0.001
+_LONGEST_OPENING_S = 10.0
 _HEAD = 4096
 """Bytes of the shared memory before the ring: they hold the number of bytes that were taken from it."""
 _RING_BYTES = 1 << 26
@@ -157,6 +159,10 @@ class Recorder:
         os.set_blocking(self._fd, False)
         os.set_blocking(self._reports, False)
 
+    def wait_until_open(self) -> None:
+        """Wait until the process has opened the file: what is sent before is lost if both processes are killed."""
+        select.select([self._reports], [], [], _LONGEST_OPENING_S)
+
     def now_ns(self) -> int:
         """Return the time for the messages of a recording [ns, wall].
 
@@ -244,7 +250,7 @@ class Recorder:
         return self.waiting > _RING_BYTES // 2
 
     def _read_reports(self) -> None:
-        """Read the lines of the process: each names a problem, and an empty one means that it is over."""
+        """Read the lines of the process: each names a problem; an empty one means that there is none, or none now."""
         output = self._process.stdout.read()  # type: ignore[union-attr]
         if output == b"":  # it has ended unexpectedly
             self._fail(self._wait_for_error() or "recording stopped: the process has ended")
@@ -344,7 +350,7 @@ def _read_pieces(fd: int, shared: memoryview) -> Iterator[memoryview]:
     """Yield the pieces of the ring whose places arrive, one after another, and nothing in between where none does."""
     taken, memory, rest = shared[:_HEAD].cast("Q"), shared[_HEAD:], b""
     while True:
-        ready, _, _ = select.select([fd], [], [], FLUSH_EVERY_S)
+        ready, _, _ = select.select([fd], [], [], _FIRST_FLUSH_S)
         if not ready:
             yield memory[:0]
             continue
@@ -365,6 +371,7 @@ def _record(header: dict[str, Any], pieces: Iterator[memoryview]) -> int:
         bag = BagWriter(Path(header["folder"]), header["attachments"])
         for name, type_name, definition, metadata in header["channels"]:
             bag.add_channel(name, type_name, definition.encode(), metadata)
+        _report("")  # it is open
         _write(pieces, bag)
         trouble = bag.find_trouble()
         bag.close()
@@ -383,14 +390,14 @@ def _report(text: str) -> None:
 
 
 def _write(pieces: Iterator[memoryview], bag: BagWriter) -> None:
-    """Write message records, flushing twice a second."""
-    rest, flushed, trouble = b"", time.monotonic(), ""
+    """Write message records, flushing soon after the beginning and then twice a second."""
+    rest, due, trouble = b"", time.monotonic() + _FIRST_FLUSH_S, ""
     for piece in pieces:
         data = memoryview(rest + piece) if rest else piece  # a record may go on at the beginning of the ring
         rest = bytes(data[bag.write_records(data) :])
-        if time.monotonic() - flushed >= FLUSH_EVERY_S:
+        if time.monotonic() >= due:
             bag.flush()
-            flushed, before, trouble = time.monotonic(), trouble, bag.find_trouble()
+            due, before, trouble = time.monotonic() + FLUSH_EVERY_S, trouble, bag.find_trouble()
             if trouble != before:
                 _report(trouble)
 
