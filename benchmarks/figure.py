@@ -7,6 +7,8 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from crawler_pictures.style import own_style
+
 from .report import EXACT, write_time
 from .result import BenchResult
 
@@ -40,6 +42,7 @@ _UPON = 0.5
 _INK = "#222222"
 
 
+@own_style()
 def draw_case(bench: BenchResult, case: str, file: Path) -> None:
     """Draw a case."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model import CrawlerError, Scene
 from crawler_pictures.body import draw_body
+from crawler_pictures.style import own_style
 
 from .kernel.plan import ALONG
 from .lanes import Lanes
@@ -20,6 +21,7 @@ _INCHES, _DPI = (6.4, 2.4), 80
 class Picture:
     """A figure that shows one environment at a time."""
 
+    @own_style()
     def __init__(self, spec: Spec, window: bool) -> None:
         """Open the figure.
 
@@ -44,6 +46,7 @@ class Picture:
             FigureCanvasAgg(self._figure)
         self._axis = self._figure.add_axes((0.04, 0.2, 0.92, 0.68))
 
+    @own_style()
     def draw(self, lanes: Lanes, m: int = 0) -> np.ndarray | None:
         """Draw an environment.
 

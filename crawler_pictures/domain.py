@@ -20,6 +20,7 @@ from .domain_panels import MOST_PANELS, MOST_SETS, draw_panels, draw_turning
 from .domain_text import STYLE, last_period, simulated
 from .domain_two import draw_two
 from .numbers import shorten
+from .style import own_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,14 +39,12 @@ def draw_domain(scene: Plan, png: Path) -> None:
         scene: the scene; without a drive, only its start is drawn in the domain.
         png: the file to write.
     """
-    import matplotlib
-
     contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)
     if scene.body.dimension == 2:
         draw = _draw_plane if scene.body.turning is None else draw_turning
-    with matplotlib.rc_context(STYLE):
+    with own_style(STYLE):
         draw(scene, run).savefig(png, dpi=100, pil_kwargs={"optimize": True})
 
 

@@ -10,11 +10,13 @@ from crawler_model import Forecast
 
 from .colors import LINES
 from .numbers import shorten
+from .style import own_style
 
 _MOST_NAMED = 6
 """More contacts are not named: their lines lie in the order of the contacts."""
 
 
+@own_style()
 def draw_forecast(found: Forecast, path: Path) -> None:
     """Draw the predicted positions with their 95 % bands, and how wide the bands are.
 

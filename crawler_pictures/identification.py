@@ -20,6 +20,7 @@ from crawler_model.identify.sensor.noise import find_spikes
 
 from .colors import LINES, TEXT
 from .numbers import shorten
+from .style import own_style
 
 _MOST_RECORDINGS, _MOST_ROWS = 6, 12
 """Of more recordings or channels, those with the largest residuals in units of their noise are drawn."""
@@ -69,6 +70,7 @@ class _Row:
         return max(float(np.percentile(np.abs(kept), _PERCENTILE)), _LEAST * self.noise)
 
 
+@own_style()
 def draw_identification(found: Identification, path: Path) -> None:
     """Draw each recording with the model over it, and what differs.
 
@@ -79,6 +81,7 @@ def draw_identification(found: Identification, path: Path) -> None:
     plot_identification(found).savefig(path, format="png", dpi=120)
 
 
+@own_style()
 def plot_identification(found: Identification) -> Figure:
     """Plot each recording with the model over it; below, a row for each channel with its residuals.
 

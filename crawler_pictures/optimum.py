@@ -19,6 +19,7 @@ from .run.forces import draw_commands
 from .run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
 from .run.plane import draw_plane
 from .run.trajectory import read_trajectory
+from .style import own_style
 from .sweep import draw_broken, find_jumps
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ _SAMPLES = {1: 200, 2: 60}
 _MOST_LINES, _NAMED = 40, 4
 
 
+@own_style()
 def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     """Draw an optimal gait: commands and motion over two periods, and the objective around it.
 
@@ -161,6 +163,7 @@ def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str])
     write_title(axis, f"around the optimum (circle), two unknowns{outside}")
 
 
+@own_style()
 def draw_front(front: Front, png: Path) -> None:
     """Draw the curve of gain against cost of transport.
 

@@ -13,6 +13,7 @@ from crawler_model.sweep.results import UNITS
 
 from .colors import ACTUATION, TENSION
 from .numbers import shorten
+from .style import own_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,7 @@ _WORDS = {
 }
 
 
+@own_style()
 def draw_sweep(
     variations: Variations,
     units: Mapping[str, str],

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..style import own_style
 from .film import Film
 from .stage import Stage
 
@@ -17,6 +18,7 @@ _QUALITY = "20"
 _WHITE = 250
 
 
+@own_style()
 def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
     """Write a film as H.264 in mp4, which every player and slide program shows.
 
@@ -46,6 +48,7 @@ def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], No
         container.mux(stream.encode())
 
 
+@own_style()
 def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
     """Write a film as an endless gif; of each frame only the rectangle that changed is stored.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..numbers import shorten
 from ..run.kymograph import MOST_LINES, MOST_NAMED, draw_positions, draw_states
+from ..style import own_style
 from .film import Film
 from .moving_set import moving_set
 from .panels import LinePanel, Rolling, SetPanel
@@ -39,7 +40,10 @@ class Panel(Protocol):
 
 
 class Stage:
-    """Draws the frames of a film, each in a few milliseconds."""
+    """Draws the frames of a film, each in a few milliseconds.
+
+    Those who draw frames do so in `own_style`, which takes as long as a frame.
+    """
 
     def __init__(self, film: Film, width: int = 1280, height: int = 720) -> None:
         """Draw all that does not move.
@@ -49,12 +53,11 @@ class Stage:
             width: width of the frames [pixels].
             height: height of the frames [pixels].
         """
-        import matplotlib
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         self._film = film
-        with matplotlib.rc_context(_STYLE):
+        with own_style(_STYLE):
             scale = width / 1280.0
             self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
             self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part

@@ -15,6 +15,7 @@ from crawler_model.run.orientation import shape_orientation
 from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
 from ..ground import draw_jumps, list_sections
 from ..numbers import label_values, shorten
+from ..style import own_style
 from .arrays import Commands, RunArrays
 from .cycles import MOST_BARS, draw_gains
 from .forces import (
@@ -50,6 +51,7 @@ Panel = tuple[float, Callable[["Axes"], None]]
 """Height of a panel [inch], and the function that draws it."""
 
 
+@own_style()
 def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     """Draw the page of a run.
 

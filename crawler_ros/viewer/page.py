@@ -16,6 +16,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
 from crawler_pictures.domain import draw_domain as draw_domain
+from crawler_pictures.style import own_style
 
 from .arrays import film_of_frames
 
@@ -39,6 +40,7 @@ class DriverError(PictureError):
     """The viewer needs a Vulkan driver."""
 
 
+@own_style()
 def draw_instant(scene: Scene, frames: Sequence[Frame], png: Path, at_s: float | None = None) -> None:
     """Draw the body at an instant, its contacts over time and its stasis domain by matplotlib, without a viewer.
 

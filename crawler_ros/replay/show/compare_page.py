@@ -12,6 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
+from crawler_pictures.style import own_style
 
 from ..analysis import Replay
 from .compare import RunComparison
@@ -20,6 +21,7 @@ _COLORS = ("#46688f", "#d07a1e")
 _MOST_POINTS, _MOST_BARS = 5000, 60
 
 
+@own_style()
 def draw_comparison(found: RunComparison, png: Path) -> None:
     """Draw both runs: net translation over time, translation of each cycle, slips, energy.
 
@@ -101,6 +103,7 @@ def _explain(runs: Sequence[Replay]) -> str:
     return " (thick: x, thin: y)" if any(run.table.net_translation.shape[1] == 2 for run in runs) else ""
 
 
+@own_style()
 def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     """Draw several runs: net translation over time, and in all.
 

@@ -16,6 +16,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
+from crawler_pictures.style import own_style
 
 from ..analysis import Replay
 
@@ -217,6 +218,7 @@ def print_walks(walks: Sequence[Walk], screen: Console) -> None:
             )
 
 
+@own_style()
 def draw_walks(walks: Sequence[Walk], png: Path) -> None:
     """Draw the net translation of all runs over the cycles since their first one, and what each cycle gains.
 
