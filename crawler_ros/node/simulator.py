@@ -203,8 +203,6 @@ class Simulator(QuietNode):
         gc.collect()
         raise_priority(self.values["thread_priority"])
         gc.freeze()  # objects loaded so far stay: collecting them again and again would make ticks late
-        if self.recorder is not None:
-            self.recorder.wait_until_open()
         with self.lock:
             if self._outlets["robot_description"].wanted:
                 from .robot_description import describe_robot

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-import mmap
 import os
 import select
-import struct
 import subprocess
 import sys
 import time
@@ -24,6 +22,7 @@ from ..wire.topics import Topic
 from .bag_folder import make_folder
 from .bag_writer import BagWriter, describe_channel
 from .record_head import message_head
+from .ring import PIECE, RING_BYTES, Ring, read_ring
 
 FLUSH_EVERY_S = 0.5
 _FIRST_FLUSH_S = 0.1
@@ -32,53 +31,8 @@ _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
 _LOOK_EVERY_S = 0.001
 _LONGEST_OPENING_S = 10.0
-_HEAD = 4096
-"""Bytes of the shared memory before the ring: they hold the number of bytes that were taken from it."""
-_RING_BYTES = 1 << 26
-"""No more than can be written in a second."""
 _JOINED_BYTES = 1 << 12
 """Items smaller than this on average are joined before they are copied into the ring."""
-_PIECE = struct.Struct("<QQ")
-"""Of the ring: where it begins and its size [bytes]."""
-
-
-class _Ring:
-    """The writing end of the ring; only one thread writes."""
-
-    def __init__(self) -> None:
-        self.fd = os.memfd_create("crawler_recording")
-        os.ftruncate(self.fd, _HEAD + _RING_BYTES)
-        shared = memoryview(mmap.mmap(self.fd, _HEAD + _RING_BYTES))
-        self._taken, self._memory = shared[:_HEAD].cast("Q"), shared[_HEAD:]
-        self._place = self._written = 0
-        self.pieces: list[tuple[int, int]] = []
-        """What was written and not yet sent: where it begins and its size."""
-
-    @property
-    def used(self) -> int:
-        """Bytes that the process has not taken yet."""
-        return self._written - self._taken[0]
-
-    def write(self, data: memoryview) -> int:
-        """Copy all of `data` if it fits, or as much as the ring holds if it is empty; return the bytes copied."""
-        used = self.used
-        if used == 0:
-            self._place = 0  # the beginning is still in the processor's cache
-        if used and len(data) > _RING_BYTES - used:
-            return 0
-        left = data[:_RING_BYTES]
-        while left:
-            size = min(len(left), _RING_BYTES - self._place)
-            self._memory[self._place : self._place + size] = left[:size]
-            if self.pieces and sum(self.pieces[-1]) == self._place:
-                begin, before = self.pieces.pop()
-                self.pieces.append((begin, before + size))
-            else:
-                self.pieces.append((self._place, size))
-            self._written += size
-            self._place = (self._place + size) % _RING_BYTES
-            left = left[size:]
-        return min(len(data), _RING_BYTES)
 
 
 class Recorder:
@@ -134,13 +88,15 @@ class Recorder:
         return len(self._channels) - 1
 
     def start(self) -> None:
-        """Create a bag folder, named after the crawler and the time, and start the recording process.
+        """Create a bag folder, named after the crawler and the time, and start the process, which opens the file.
+
+        What is recorded before the file is open would be lost if both processes were killed.
 
         Raises:
             OSError: when the folder cannot be created.
         """
         self.folder = make_folder(self.folder, self._name)
-        self._ring = _Ring()
+        self._ring = Ring()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "crawler_ros.recording.recorder", str(self._ring.fd)],
             stdin=subprocess.PIPE,
@@ -158,10 +114,7 @@ class Recorder:
         self._reports = self._process.stdout.fileno()  # type: ignore[union-attr]
         os.set_blocking(self._fd, False)
         os.set_blocking(self._reports, False)
-
-    def wait_until_open(self) -> None:
-        """Wait until the process has opened the file: what is sent before is lost if both processes are killed."""
-        select.select([self._reports], [], [], _LONGEST_OPENING_S)
+        select.select([self._reports], [], [], _LONGEST_OPENING_S)  # `push` reads what is reported
 
     def now_ns(self) -> int:
         """Return the time for the messages of a recording [ns, wall].
@@ -247,7 +200,7 @@ class Recorder:
     @property
     def is_behind(self) -> bool:
         """Whether so much waits for the process that `push` may have to block soon."""
-        return self.waiting > _RING_BYTES // 2
+        return self.waiting > RING_BYTES // 2
 
     def _read_reports(self) -> None:
         """Read the lines of the process: each names a problem; an empty one means that there is none, or none now."""
@@ -303,7 +256,7 @@ class Recorder:
         pieces = self._ring.pieces
         try:
             while pieces:
-                os.write(self._fd, _PIECE.pack(*pieces[0]))
+                os.write(self._fd, PIECE.pack(*pieces[0]))
                 del pieces[0]
         except BlockingIOError:  # they are sent later
             pass
@@ -338,31 +291,9 @@ class Recorder:
 
 def main() -> int:
     """Record the messages in the ring whose places arrive on standard input until it ends."""
-    ring = int(sys.argv[1])
-    with memoryview(mmap.mmap(ring, _HEAD + _RING_BYTES)) as shared:
-        os.close(ring)
-        pieces = _read_pieces(sys.stdin.fileno(), shared)
-        header = next(pieces, None)
-        return 0 if header is None else _record(json.loads(bytes(header)), pieces)
-
-
-def _read_pieces(fd: int, shared: memoryview) -> Iterator[memoryview]:
-    """Yield the pieces of the ring whose places arrive, one after another, and nothing in between where none does."""
-    taken, memory, rest = shared[:_HEAD].cast("Q"), shared[_HEAD:], b""
-    while True:
-        ready, _, _ = select.select([fd], [], [], _FIRST_FLUSH_S)
-        if not ready:
-            yield memory[:0]
-            continue
-        found = os.read(fd, 256 * _PIECE.size)
-        if not found:
-            return
-        rest += found
-        whole = len(rest) - len(rest) % _PIECE.size
-        for place, size in _PIECE.iter_unpack(rest[:whole]):
-            yield memory[place : place + size]
-            taken[0] += size
-        rest = rest[whole:]
+    pieces = read_ring(int(sys.argv[1]), sys.stdin.fileno(), _FIRST_FLUSH_S)
+    header = next(pieces, None)
+    return 0 if header is None else _record(json.loads(bytes(header)), pieces)
 
 
 def _record(header: dict[str, Any], pieces: Iterator[memoryview]) -> int:

@@ -47,7 +47,12 @@ def lines(monkeypatch):
 def test_causes_within_one_second_are_logged_each_with_its_own_count(lines):
     throttle, logged, now = lines
     counted = Refusals(throttle)
-    causes = ["entry {} is nan; it must be finite", "no joint is called '{}'", "{} values; there are 2 links", "too late"]
+    causes = [
+        "entry {} is nan; it must be finite",
+        "no joint is called '{}'",
+        "{} values; there are 2 links",
+        "too late",
+    ]
     for k in range(12):
         for number, cause in enumerate(causes):
             if k % (number + 1) == 0:
@@ -60,7 +65,8 @@ def test_causes_within_one_second_are_logged_each_with_its_own_count(lines):
     throttle.flush()
     last = [(0, 11, 10), (1, 10, 4), (2, 9, 2), (3, 8, 1)]
     assert logged[4:] == [
-        f"refused a message on commands: {causes[number].format(k)} (and {more} more like it)" for number, k, more in last
+        f"refused a message on commands: {causes[number].format(k)} (and {more} more like it)"
+        for number, k, more in last
     ]
 
 

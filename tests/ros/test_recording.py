@@ -234,7 +234,6 @@ def test_what_is_recorded_reaches_the_disk_again_and_again(tmp_path):
     recorder = Recorder(tmp_path, "flushed", {})
     channel = recorder.add_topic(read_topics()["joint_states"], "/joint_states")
     recorder.start()
-    recorder.wait_until_open()
     for k in range(4):
         recorder.record(channel, k, k, bytes(100))
         recorder.push((k + 1) * 10**9)

@@ -73,16 +73,19 @@ def test_on_a_full_disk_the_error_names_the_file(full, name):
     pytest.importorskip("pyarrow")
     pytest.importorskip("matplotlib")
     done = crawler("simulate", "two_anchor_a", f"--{name[2:]}", full / name)
-    assert (done.returncode, done.stderr) == (1, f"crawler: {full / name}: cannot be written: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        f"crawler: {full / name}: cannot be written: No space left on device\n",
+    )
     assert [file.name for file in full.iterdir()] == ["rest"]
 
 
 def test_an_error_of_another_file_names_that_one(tmp_path):
     with pytest.raises(FileNotFoundError, match="elsewhere"), whole_file(tmp_path / "x.png"):
         (tmp_path / "folder" / "elsewhere").read_bytes()
-    with pytest.raises(CrawlerError, match=r"none/x\.png: cannot be written: No such file or directory"):
-        with whole_file(tmp_path / "none" / "x.png"):
-            pass
+    missing = tmp_path / "none" / "x.png"
+    with pytest.raises(CrawlerError, match=r"none/x\.png: cannot be written: No such file"), whole_file(missing):
+        pass
 
 
 CHINESE = "蠕虫 é"
