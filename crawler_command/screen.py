@@ -304,9 +304,10 @@ def named_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is not None and Path(error.filename).absolute().parent != path.absolute().parent:
-            raise  # of another file, or of one in the folder, which it names
-        raise CrawlerError(f"{path}: cannot be written: {error.strerror or error}") from None
+        if isinstance(error.filename, str) and Path(error.filename).absolute().parent != path.absolute().parent:
+            raise  # of another file, which it names
+        reason = os.strerror(error.errno) if error.errno else error
+        raise CrawlerError(f"{path}: cannot be written: {reason}") from None
 
 
 @contextmanager

@@ -286,7 +286,7 @@ REFUSED = [
     ("accept_trajectory", (NAMES, [0], [[1.0, 2.0]], 0), "point 0 has 2 position(s) for 1 name(s)"),
     ("accept_trajectory", (NAMES, [5, 4], [[1.0], [2.0]], 0), "point 1 at 4 ns comes before 5 ns"),
     ("accept_trajectory", (NAMES, [-5], [[1.0]], 0), "point 0 at -5 ns comes before 0 ns"),
-    ("accept_trajectory", (NAMES, [0], [[float("nan")]], 0), "point 0: entry 0 is nan"),
+    ("accept_trajectory", (NAMES, [0], [[float("nan")]], 0), "point 0: link_0 is nan"),
     (
         "accept_trajectory",
         (["contact_2/forward"], [0], [[-1.0]], 0),

@@ -43,9 +43,11 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
             kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
             items = "links and segments" if columns.joints is None else "links and joints"
             raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes only {items}")
-    taken = np.concatenate(found) if found else np.zeros(0, int)
-    if np.unique(taken).size != taken.size:
-        raise CommandError("trajectory: a joint is named twice")
+    taken: set[int] = set()
+    for name, places in zip(names, found, strict=True):
+        if not taken.isdisjoint(places.tolist()):
+            raise CommandError(f"trajectory: {name!r} names a joint twice; name each one once")
+        taken.update(places.tolist())
     return found
 
 
@@ -56,12 +58,13 @@ def _known(columns: Columns, name: str) -> str:
     return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
 
 
-def check_finite(what: str, values: np.ndarray) -> None:
+def check_finite(what: str, values: np.ndarray, names: Sequence[str] = ()) -> None:
     """Refuse numbers that are not finite, or so large that products of them would overflow.
 
     Args:
         what: name of the message, for the error.
         values: shape (M,).
+        names: of the values; () to number them.
 
     Raises:
         CommandError: naming the entry.
@@ -71,9 +74,11 @@ def check_finite(what: str, values: np.ndarray) -> None:
         return
     if most < np.inf:
         i = int(np.abs(values).argmax())
-        raise CommandError(f"{what}: entry {i} is {values[i]:g}; it must be at most {LARGEST:g} in size")
-    i = int(np.flatnonzero(~np.isfinite(values))[0])
-    raise CommandError(f"{what}: entry {i} is {values[i]}; it must be finite")
+        wrong, bound = f"{values[i]:g}", f"at most {LARGEST:g} in size"
+    else:
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        wrong, bound = str(values[i]), "finite"
+    raise CommandError(f"{what}: {names[i] if names else f'entry {i}'} is {wrong}; it must be {bound}")
 
 
 def check_points(
@@ -103,7 +108,7 @@ def check_points(
         return
     i = int(np.argmin(fits.all(axis=1)))
     what = f"trajectory: point {i}"
-    check_finite(what, table[i])
+    check_finite(what, table[i], names)
     for name, low, value in zip(names, least, table[i], strict=True):
         if value < low:
             raise CommandError(f"{what}: {name} is {value:g} N; friction must be >= 0")
