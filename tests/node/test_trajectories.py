@@ -67,10 +67,10 @@ REFUSED = {
     "a NaN": (message(points=((0, (np.nan, 0.2)),)), "link_0 is nan; it must be finite"),
     "an infinity": (message(points=((0, (0.1, -np.inf)),)), "link_1 is -inf; it must be finite"),
     "a number beyond all use": (message(points=((0, (0.1, 1e200)),)), "link_1 is 1e+200; it must be at most 1e+100"),
-    "a name twice": (message(("link_0", "link_0")), "'link_0' names a joint twice; name each one once"),
+    "a name twice": (message(("link_0", "link_0")), "a joint is named twice, at last by 'link_0'; name each one once"),
     "a side of a friction twice": (
         message(("contact_1/friction", "contact_1/forward"), AT_ONCE),
-        "'contact_1/forward' names a joint twice",
+        "a joint is named twice, at last by 'contact_1/forward'",
     ),
     "a name that is not known": (message(("link_0", "link_7")), "no joint is called 'link_7'"),
     "a name in other letters": (message(("Link_0", "link_1")), "no joint is called 'Link_0'"),

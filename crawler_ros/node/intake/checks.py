@@ -46,7 +46,7 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
     taken: set[int] = set()
     for name, places in zip(names, found, strict=True):
         if not taken.isdisjoint(places.tolist()):
-            raise CommandError(f"trajectory: {name!r} names a joint twice; name each one once")
+            raise CommandError(f"trajectory: a joint is named twice, at last by {name!r}; name each one once")
         taken.update(places.tolist())
     return found
 
