@@ -314,10 +314,8 @@ def test_joints_of_a_recording_are_found_by_name_in_every_message(tmp_path, caps
     words = ("identify", bag, "--scene", tmp_path / "guess.yaml", "--fit", "friction.forward", "--json")
     topics = [f"--topic={name}=/robot/{name}" for name in ("joint_states", "applied_commands")]
     status, text, error = run(capsys, *words, *topics)
-    assert (status, error) == (
-        0,
-        "crawler: robot: joints not used, which two_contacts_anisotropic does not have: gripper\n",
-    )
+    assert status == 0, error
+    assert error.count("crawler: robot: joints not used, which two_contacts_anisotropic does not have: gripper\n") == 1
     (found,) = json.loads(text)["parameters"]
     assert found["value"] == pytest.approx(true, rel=1e-9)
 
