@@ -32,6 +32,7 @@ from .screen import (
 if TYPE_CHECKING:
     from crawler_model import Front, Optimum, Scene
 
+_SEARCHED = 0.85  # part of the time that is left to search and examination where a picture follows
 _TOO_LONG = 10.0  # lengths of the body
 
 
@@ -181,7 +182,7 @@ def optimise_command(
         "tension": tension,
         "robust": parse_bounds("--robust", robust or ()),
         "period": period,
-        "seconds": seconds,
+        "seconds": seconds if seconds is None or png is None else _SEARCHED * seconds,
         "seed": seed,
         "towards": towards,
         "periods": periods,
@@ -203,6 +204,8 @@ def optimise_command(
             found = optimise(loaded, objective.value, progress=_tell(progress), target=motion, **limits)
     drive = found.points[0].scene.document()["drive"] if isinstance(found, Front) else found.scene.document()["drive"]
     note_left_out(loaded, drive)
+    if not isinstance(found, Front):
+        found.limit.seconds = seconds
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
     if found.interrupted:

@@ -18,7 +18,7 @@ from .unknowns import Unknowns, with_numbers
 Over = Literal["expected", "worst"]
 _DRAWN, _SEED = 8, 20_230
 """Bodies that a gait is judged on, and the seed with which they are drawn."""
-_OTHERS, _OTHER_SEED = 64, 20_231
+OTHERS, _OTHER_SEED = 64, 20_231
 """Bodies on which the best gait is verified."""
 _UNKNOWN = (1.0 / 3.0, 3.0)
 """Factors by which a number of which nothing is known is moved to see whether the objective depends on it."""
@@ -123,7 +123,7 @@ def verify(space: Space, point: np.ndarray, unknowns: Unknowns, uncertain: Uncer
     Returns:
         The values.
     """
-    others = dataclasses.replace(space, scenes=_draw(unknowns, uncertain, _OTHER_SEED, _OTHERS), mean=False)
+    others = dataclasses.replace(space, scenes=_draw(unknowns, uncertain, _OTHER_SEED, OTHERS), mean=False)
     regimes = others.regimes(point[None])[0]
     mean = dataclasses.replace(others, mean=True).value(regimes)
     best_fit = dataclasses.replace(space, scenes=(unknowns,), mean=False)

@@ -5,22 +5,24 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import time
 
 import numpy as np
 
+from ..compiled import clock
 from ..derivative.sensitivities import Kink, group_kinks
 from ..errors import CrawlerError
 from ..run.cycle import limit_cycle
 from ..scene.scene import Scene
 from .followed import find_followed_peak
-from .goal import WORST, Goal, measure
+from .goal import WORST, Goal, best_first, measure
+from .landscape import count_samples, profile_points, value_inside
+from .limit import OutOfTime, TimeLimit
 from .optimum import ActiveBound, Alternative, Optimum, Weakness
-from .polish import best_step
+from .polish import best_step, improve, improves
 from .regime import Regime, RegimeDerivatives, differentiate_regime, find_peak
 from .request import Request
 from .search import Found
-from .space import Space
+from .space import Evaluator, Space
 from .unknowns import Unknowns, with_numbers
 
 _NEAR = 1e-9
@@ -30,38 +32,92 @@ _ALTERNATIVES = 5
 _EXACT_PERIODS, _FOLLOWED_PERIODS = 1000, 50
 """Periods in which the transient of the best gait is judged at most, where a run is exact and where it is not."""
 _FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
+_ELSE = 40
+"""Candidates that peak, transient, derivatives and alternatives cost."""
 
 
-def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, began: float) -> Optimum:
-    """Examine the best point of a search.
+def count_candidates(unknowns: Unknowns, request: Request, bodies: int) -> int:
+    """Count the candidates that are run after a search.
+
+    Args:
+        bodies: number of bodies on which the best gait is verified.
+
+    Returns:
+        Their number.
+    """
+    size = unknowns.low.size
+    around = size * (2 + count_samples(unknowns.base.dimension, size))
+    return around + _ELSE + bodies + len(request.robust or {}) * 2 * _FACTORS.size
+
+
+def settle(space: Space, found: Found, limit: TimeLimit) -> tuple[Found, tuple[bool, ...], np.ndarray]:
+    """Look around the best point of a search, and search on where it is beaten, until nothing around it is better.
+
+    Args:
+        found: what the search found, changed in place.
+        limit: the time limit.
+
+    Returns:
+        What was found, which unknowns change nothing around it, bool, shape (P,), and the objective with one unknown at
+        a time moved between its bounds, shape (P, samples), as for `landscape.profile`.
+    """
+    evaluator = Evaluator(space, limit.over, found.evaluations)
+    found.point = space.canonical(found.point)
+    try:
+        while True:
+            near, places = _near_moves(space, found.point), profile_points(space, found.point)
+            points = [found.point, *(point for _, point in near), *places.reshape(-1, space.size)]
+            regimes = evaluator.regimes(points)
+            scores = np.array([-math.inf if one is None else space.score(one) for one in regimes])
+            best = int(best_first(scores)[0])
+            if not improves(float(scores[best]), found.score):
+                break
+            found.point, found.score = improve(evaluator, points[best], float(scores[best]), limit.over)
+            found.point = space.canonical(found.point)
+            found.found_after_s = clock() - limit.began
+            found.optima.insert(0, (found.score, found.point.copy()))
+    finally:
+        evaluator.close()
+        found.evaluations = evaluator.evaluations
+    beside = zip(near, scores[1:], strict=False)
+    flat = {i for (i, _), score in beside if abs(score - found.score) <= _FLAT * abs(found.score)}
+    values = [math.nan if one is None else value_inside(space, one) for one in regimes[1 + len(near) :]]
+    return found, tuple(i in flat for i in range(space.size)), np.array(values).reshape(places.shape[:2])
+
+
+def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit) -> Optimum:
+    """Examine the best point of a search; what the time limit leaves no time for is left out.
 
     Args:
         found: what the search found.
-        began: when the optimisation began [s].
+        limit: the time limit.
 
     Returns:
         The optimum.
     """
-    goal, point = space.goal, space.canonical(found.point)
+    found, is_flat, around = settle(space, found, limit)
+    goal, point = space.goal, found.point
     values = space.values(point)
     regime = _find_regime(space, unknowns, point)
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
     exact = scene.has_exact_derivatives
-    most_periods = _EXACT_PERIODS if exact else _FOLLOWED_PERIODS
-    peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
-    regime = dataclasses.replace(regime, peak=peak)
+    if not limit.over():
+        peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
+        regime = dataclasses.replace(regime, peak=peak)
     patched = scene.ground.track is not None
     value = _worst_value(space, point)
-    one_sided, kinks = _find_kinks(unknowns, values, goal)
+    one_sided, kinks = (True, ()) if limit.over() else _find_kinks(unknowns, values, goal)
     others = [
         (score, other)
         for score, other in found.optima
         if score > -WORST and not np.allclose(space.canonical(other), point, atol=1e-3)
     ]
-    alternatives = (_alternative(unknowns, space, other) for _, other in others[:_ALTERNATIVES])
-    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, _find_flat(space, point)))
+    shown = itertools.takewhile(lambda _: not limit.over(), others[:_ALTERNATIVES])
+    alternatives = [_alternative(unknowns, space, other) for _, other in shown]
+    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, is_flat))
     as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
+    keys = itertools.takewhile(lambda _: not limit.over(), request.robust or ())
     return Optimum(
         goal.objective,
         value,
@@ -74,25 +130,27 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, beg
         measure("cost-of-transport", regime),
         regime.travel,
         regime.peak,
-        math.nan if patched else _find_transient(scene, regime, most_periods),
+        math.nan if patched else _find_transient(scene, regime, limit),
         found.found_after_s,
         found.evaluations,
-        _gradient_norm(space, point, value),
+        math.nan if limit.over() else _gradient_norm(space, point, value),
         not one_sided,
         kinks,
         _active_bounds(unknowns, space, point, regime),
         tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
-        not (as_good or flat or math.isnan(value)),
-        tuple(_find_weakness(space, unknowns, key, point) for key in request.robust or ()),
+        not (as_good or flat or math.isnan(value) or limit.over()),
+        tuple(_find_weakness(space, unknowns, key, point) for key in keys),
         space,
         point,
         request.seed,
         request.seconds is None and not found.interrupted,
-        time.perf_counter() - began,
+        clock() - limit.began,
         motion=regime.motion,
         periods=goal.periods if patched else None,
         interrupted=found.interrupted,
+        around=around,
+        limit=limit,
     )
 
 
@@ -101,9 +159,16 @@ def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime 
     return dataclasses.replace(space, scenes=(unknowns,)).regimes(point[None])[0][0]
 
 
-def _find_transient(scene: Scene, regime: Regime, most_periods: int) -> float:
-    """Estimate how far the gain of a regime is from that of the limit cycle, which follows more periods [m]."""
-    cycle = limit_cycle(scene, most_periods=most_periods)
+def _find_transient(scene: Scene, regime: Regime, limit: TimeLimit) -> float:
+    """Estimate how far the gain of a regime is from that of the limit cycle, which follows more periods [m].
+
+    Infinite if the time is over before that is known.
+    """
+    most_periods = _EXACT_PERIODS if scene.has_exact_derivatives else _FOLLOWED_PERIODS
+    try:
+        cycle = limit_cycle(scene, most_periods=most_periods, progress=limit.check)
+    except OutOfTime:
+        return math.inf
     apart = np.subtract(cycle.gain, regime.gain if regime.motion is None else regime.motion)
     return float(cycle.transient_left + np.linalg.norm(np.atleast_1d(apart)[:2]))
 
@@ -151,18 +216,16 @@ def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
     return max(float(ahead) / size * per_score, 0.0)
 
 
-def _find_flat(space: Space, point: np.ndarray) -> list[bool]:
-    """Find the unknowns that change nothing near a point."""
+def _near_moves(space: Space, point: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """List points at which one unknown is moved a little, with the unknown."""
     size = _COARSE_STEP if space.goal.resolution else _FLAT_STEP
-    moves = [(i, np.clip(point[i] + step, 0.0, 1.0)) for i in range(point.size) for step in (size, -size)]
-    moves = [(i, place) for i, place in moves if place != point[i]]
-    others = np.repeat(point[None], len(moves), axis=0)
-    for other, (i, place) in zip(others, moves, strict=True):
-        other[i] = place
-    score, *scores = space.scores([point, *others])
-    same = [abs(other - score) <= _FLAT * abs(score) for other in scores]
-    flat = {i for (i, _), is_same in zip(moves, same, strict=True) if is_same}
-    return [i in flat for i in range(point.size)]
+    found = []
+    for i, step in itertools.product(range(point.size), (size, -size)):
+        moved = point.copy()
+        moved[i] = np.clip(point[i] + step, 0.0, 1.0)
+        if moved[i] != point[i]:
+            found.append((i, moved))
+    return found
 
 
 def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: Regime) -> tuple[ActiveBound, ...]:

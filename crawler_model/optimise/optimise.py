@@ -5,18 +5,19 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from ..compiled import clock
 from ..errors import CommandError, SceneError
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from ..sweep.keys import expand_keys
-from .bodies import Over, Uncertain, check_uncertain, spread_over, verify
-from .examine import finish
+from .bodies import OTHERS, Over, Uncertain, check_uncertain, spread_over, verify
+from .examine import count_candidates, finish
 from .followed import followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
+from .limit import TimeLimit
 from .optimum import Optimum
 from .request import Bounds, Request, build_unknowns, check_bounds, first_points
 from .search import Found, search
@@ -90,7 +91,7 @@ def optimise(
         CommandError: if a limit is out of range, or no gait keeps within the limits.
         ModuleNotFoundError: without the package `cma`.
     """
-    began = time.perf_counter()
+    began = clock()
     scene = coerce_scene(scene, "optimise")
     if robust_to is not None:
         check_uncertain(robust_of, objective, robust)
@@ -113,12 +114,27 @@ def optimise(
     unknowns, space = build_space(scene, request)
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
-    found = search(space, seed, seconds, first_points(unknowns), progress)
+    verified = 0 if robust_to is None else OTHERS // len(space.scenes)
+    limit = TimeLimit(began, seconds, count_candidates(unknowns, request, verified))
+    found = search(space, seed, limit, first_points(unknowns), progress)
     check_found(space, found)
-    best = finish(unknowns, space, found, request, began)
-    if robust_to is None:
+    limit.stopped = found.interrupted
+    try:
+        return _conclude(unknowns, space, found, request, limit, robust_to)
+    except KeyboardInterrupt:
+        limit.stopped = found.interrupted = True
+        return _conclude(unknowns, space, found, request, limit, robust_to)
+
+
+def _conclude(
+    unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit, uncertain: Uncertain | None
+) -> Optimum:
+    """Examine the best gait, and verify it on other bodies if its own is uncertain, while time is left."""
+    best = finish(unknowns, space, found, request, limit)
+    if uncertain is None or limit.over():
         return best
-    return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, robust_to, robust_of))
+    over: Over = "expected" if space.mean else "worst"
+    return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, uncertain, over))
 
 
 def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:

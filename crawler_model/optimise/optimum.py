@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..notebook import write_html
 from ..scene.scene import Scene
 from .bodies import Robustness
 from .goal import OBJECTIVES
+from .limit import TimeLimit
 from .space import Space
 
 
@@ -103,6 +104,9 @@ class Optimum:
         periods: on patches of ground, number of periods from the start of which `gain` is the mean; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
         interrupted: whether Ctrl-C ended the search.
+        around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
+            `landscape.profile` shows it.
+        limit: the time limit, which covers pictures, too.
     """
 
     objective: str
@@ -136,6 +140,8 @@ class Optimum:
     periods: int | None = None
     robustness: Robustness | None = None
     interrupted: bool = False
+    around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    limit: TimeLimit = field(default_factory=lambda: TimeLimit(0.0, None))
 
     @property
     def unit(self) -> str:

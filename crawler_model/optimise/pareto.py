@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from ..compiled import clock
 from ..notebook import write_html
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from .goal import measure, score
+from .limit import TimeLimit
 from .optimise import build_space, check_found
 from .request import Request, first_points
 from .search import Found, search
@@ -126,7 +127,7 @@ def pareto(
         CommandError: likewise.
         TypeError: if another argument is given.
     """
-    began = time.perf_counter()
+    began = clock()
     scene = coerce_scene(scene, "pareto")
     names = ("waypoints", "stroke", "free", "rate", "tension", "robust", "period", "towards", "periods")
     for name in limits:
@@ -134,7 +135,7 @@ def pareto(
             raise TypeError(f"pareto: unknown argument {name}")
     unknowns, space = build_space(scene, Request("translation", seconds=seconds, seed=seed, **limits))
     begin = first_points(unknowns)
-    each = None if seconds is None else seconds / (_POINTS + 2)
+    limit = TimeLimit(began, seconds)
     runs: list[Found] = []
 
     def go(space: Space, points: list[np.ndarray], rounds: int | None) -> Found:
@@ -142,7 +143,8 @@ def pareto(
             if progress is not None:
                 progress((len(runs) + part) / (_POINTS + 2))
 
-        runs.append(search(space, seed + len(runs), each, points, report, rounds))
+        each = None if seconds is None else limit.left / (_POINTS + 2 - len(runs))
+        runs.append(search(space, seed + len(runs), TimeLimit(clock(), each), points, report, rounds))
         return runs[-1]
 
     far = go(space, begin, None)
@@ -156,7 +158,7 @@ def pareto(
         ends = [_scores(space, far.point), _scores(space, found[-1])]
         widths = ends[0][0] - ends[1][0], ends[1][1] - ends[0][1]
         for part in np.arange(1, _POINTS + 1) / (_POINTS + 1) if min(widths) > 0.0 else ():
-            if runs[-1].interrupted:
+            if runs[-1].interrupted or limit.over():
                 break
             weights = (ends[1][0], 1.0 / (part * widths[0])), (ends[0][1], 1.0 / ((1.0 - part) * widths[1]))
             other = dataclasses.replace(space, goal=dataclasses.replace(goal, weights=weights))
@@ -167,7 +169,7 @@ def pareto(
     interrupted = any(run.interrupted for run in runs)
     complete = seconds is None and not interrupted
     evaluations = sum(run.evaluations for run in runs)
-    return Front(points, unknowns.names, evaluations, seed, complete, time.perf_counter() - began, interrupted)
+    return Front(points, unknowns.names, evaluations, seed, complete, clock() - began, interrupted)
 
 
 def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:

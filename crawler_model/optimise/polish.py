@@ -32,6 +32,26 @@ def improves(new: float, old: float) -> bool:
     return new > old + _GAIN * max(abs(old), 1e-3)
 
 
+def improve(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+    """Search locally, by flips and climbs in turns, for as long as that is better.
+
+    Args:
+        evaluator: computes scores and derivatives.
+        point: where to begin, shape (P,).
+        score: its score [m, rad or 1].
+
+    Returns:
+        The best point, and its score.
+    """
+    while not stop():
+        before = score
+        point, score = flip(evaluator, point, score, stop)
+        point, score = climb(evaluator, point, score, stop)
+        if not improves(score, before):
+            break
+    return point, score
+
+
 def flip(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
     """Move single unknowns to their bounds, and waypoints as a whole, for as long as that is better.
 

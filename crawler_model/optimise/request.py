@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..body.body import Body
 from ..body.names import name_joints
 from ..derivative.parameters import changing_keys
 from ..errors import LARGEST, CommandError, SceneError
@@ -205,23 +206,43 @@ def _build_table(
     names = name_joints(body)
     if body.dimension == 2:
         return _build_planar_table(scene, count, float(period), stroke, friction)
-    strokes = find_strokes(scene, names, stroke)
-    span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])
+    moves = find_driven(body)
+    chosen = [name for name, is_driven in zip(names, moves, strict=True) if is_driven]
+    if not chosen:
+        raise SceneError(f"optimise: the links of {scene.name} are all passive; no command moves it")
+    strokes = find_strokes(scene, chosen, stroke)
+    span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])[moves]
     column_of = np.full(columns.count, -1)
-    column_of[: columns.lengths] = np.repeat(np.arange(len(names)), columns.actuation_sizes)
+    own = np.where(moves, np.cumsum(moves) - 1, -1)
+    column_of[: columns.lengths] = np.repeat(own, columns.actuation_sizes)
     bounds = list(strokes)
     if friction is not None:
         if friction[0] < 0.0:
             raise SceneError(f"free: friction: {friction[0]:g} to {friction[1]:g}; friction must be >= 0")
-        one_side = np.repeat(len(names) + np.arange(columns.friction_sizes.size), columns.friction_sizes)
+        one_side = np.repeat(len(chosen) + np.arange(columns.friction_sizes.size), columns.friction_sizes)
         column_of[columns.lengths :][: columns.frictions] = np.tile(one_side, 2)
         bounds += [friction] * columns.friction_sizes.size
         row = base.drive.rows[0].copy()
         row[columns.lengths :][: columns.frictions] = friction[0]
         columns.check_equilibrium(columns.target(row), f"free: friction: {friction[0]:g}", SceneError)
     low, high = np.array(bounds).T
-    held, frees_friction = np.full(len(names), np.nan), friction is not None
-    return Table(count, float(period), len(names), frees_friction, column_of, low.copy(), high.copy(), span, held)
+    held = np.where(moves, np.nan, scene.drive.rows[0, : len(names)])  # passive links come before all segments
+    frees = friction is not None
+    return Table(count, float(period), len(chosen), frees, column_of, low.copy(), high.copy(), span, held)
+
+
+def find_driven(body: Body) -> np.ndarray:
+    """Find which links and segments of a body on a line a command moves: all but links that are passive alone.
+
+    Args:
+        body: the body.
+
+    Returns:
+        Shape (links + segments,), bool; False for links that are passive alone.
+    """
+    passive = {bend.spring for bend in body.bends if not bend.actuator.slopes.any()}
+    links = [spring not in passive for spring in body.link_springs.tolist()]
+    return np.array(links + [True] * len(body.segments), np.bool_)
 
 
 def _build_planar_table(
@@ -284,7 +305,7 @@ def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[st
     """Find the bounds of the rest length of each link and of the strain of each segment.
 
     Args:
-        names: its links, then its segments.
+        names: its links, then its segments, of these those that a command moves.
         stroke: bounds of all [m, strain], or of each by name; None for those of the scene's drive.
 
     Returns:
@@ -305,14 +326,16 @@ def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[st
         return [check_bounds("stroke", stroke)] * len(names)
     if scene.parts.drive is None:
         raise SceneError("stroke: missing; give the bounds of the rest lengths, for example 0 to 0.1 m")
-    columns, rows = scene.columns, scene.drive.rows
+    columns, rows, whole = scene.columns, scene.drive.rows, name_joints(scene.body)
     found = []
     for i, (first, size) in enumerate(
         zip(np.cumsum(columns.actuation_sizes) - columns.actuation_sizes, columns.actuation_sizes, strict=True)
     ):
+        if whole[i] not in names:
+            continue
         part = rows[:, first : first + size]
         if not part.min() < part.max():
-            raise SceneError(f"stroke: missing, and the drive of the scene does not move {names[i]}")
+            raise SceneError(f"stroke: missing, and the drive of the scene does not move {whole[i]}")
         found.append((float(part.min()), float(part.max())))
     return found
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..compiled import clock
 from .goal import best_first
-from .polish import climb, flip, improves
+from .limit import TimeLimit
+from .polish import flip, improve, improves
 from .space import Evaluator, Space
 
 _STALE_ROUNDS = {1: 12, 2: 4}
@@ -52,7 +53,7 @@ class Found:
 def search(
     space: Space,
     seed: int,
-    seconds: float | None,
+    limit: TimeLimit,
     begin: list[np.ndarray],
     progress: Callable[[float], None] | None = None,
     rounds: int | None = None,
@@ -61,7 +62,7 @@ def search(
 
     Args:
         seed: of the random numbers.
-        seconds: time limit [s]; None to end when several rounds found nothing better.
+        limit: the time limit; without one the search ends when several rounds found nothing better.
         begin: points to begin with.
         progress: called with the completed part, in [0, 1].
         rounds: how many rounds without a better gait end the search; None for 12, in the plane 4.
@@ -71,7 +72,7 @@ def search(
     """
     import cma  # takes a second, and is needed only here  # noqa: F401
 
-    run = _Search(space, seed, seconds, progress, rounds)
+    run = _Search(space, seed, limit, progress, rounds)
     try:
         run.go(begin)
     except KeyboardInterrupt:
@@ -90,14 +91,14 @@ class _Search:
         self,
         space: Space,
         seed: int,
-        seconds: float | None,
+        limit: TimeLimit,
         progress: Callable[[float], None] | None,
         rounds: int | None,
     ) -> None:
         rounds = rounds or _STALE_ROUNDS[space.scenes[0].base.dimension]
-        self.space, self.seconds, self.rounds = space, seconds, min(rounds, 3 + space.size)
+        self.space, self.limit, self.rounds = space, limit, min(rounds, 3 + space.size)
         self.random = np.random.default_rng(seed)
-        self.evaluator = Evaluator(space, None if seconds is None else self.over)
+        self.evaluator = Evaluator(space, None if limit.seconds is None else self.over)
         self.began = clock()
         self.progress = progress
         self.part = 0.0
@@ -109,7 +110,7 @@ class _Search:
             before = self.found.score
             self.round(number, begin if number == 0 else [])
             stale = 0 if self.found.score > before + _BETTER * abs(before) or number == 0 else stale + 1
-            if self.seconds is None:
+            if self.limit.seconds is None:
                 self.report(max(stale / self.rounds, self.evaluator.evaluations / MOST_EVALUATIONS))
                 if stale >= self.rounds:
                     return
@@ -118,11 +119,12 @@ class _Search:
 
     def over(self) -> bool:
         """Determine whether the time limit is reached, or without one that of the evaluations."""
-        if self.seconds is None:
+        if self.limit.seconds is None:
             return self.evaluator.evaluations >= MOST_EVALUATIONS
-        passed = clock() - self.began
-        self.report(passed / self.seconds)
-        return passed >= self.seconds
+        now = clock()
+        most = self.limit.search_seconds((now - self.began) / max(self.evaluator.evaluations, 1))
+        self.report((now - self.limit.began) / most)
+        return now - self.limit.began >= most
 
     def report(self, part: float) -> None:
         self.part = min(1.0, max(self.part, part))
@@ -155,15 +157,9 @@ class _Search:
 
     def improve(self, point: np.ndarray, score: float) -> None:
         """Search locally, and keep the local optimum."""
-        while not self.over():
-            before = score
-            self.note(point, score)
-            point, score = flip(self.evaluator, point, score, self.over)
-            self.note(point, score)
-            point, score = climb(self.evaluator, point, score, self.over)
-            self.note(point, score)
-            if not improves(score, before):
-                break
+        self.note(point, score)
+        point, score = improve(self.evaluator, point, score, self.over)
+        self.note(point, score)
         self.keep(point, score)
 
     def keep(self, point: np.ndarray, score: float) -> None:

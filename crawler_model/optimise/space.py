@@ -154,9 +154,16 @@ class Space:
         Returns:
             The scores.
         """
-        found = self.regimes(np.array(points))
+        return [self.score(regimes) for regimes in self.regimes(np.array(points))]
+
+    def score(self, regimes: Sequence[Regime | None]) -> float:
+        """Compute the score of a candidate from its regimes on the scenes.
+
+        Returns:
+            The worst one, or the mean.
+        """
         combine = _mean if self.mean else min
-        return [combine([min(self.goal.scores(regime)) for regime in regimes]) for regimes in found]
+        return combine([min(self.goal.scores(regime)) for regime in regimes])
 
     def value(self, regimes: Sequence[Regime | None]) -> float:
         """Compute what the objective is named after for a candidate.
@@ -203,15 +210,16 @@ def _mean(values: Sequence[float]) -> float:
 class Evaluator:
     """Computes scores on all cores, and counts them. The scores do not depend on the number of threads."""
 
-    def __init__(self, space: Space, over: Callable[[], bool] | None = None) -> None:
+    def __init__(self, space: Space, over: Callable[[], bool] | None = None, evaluations: int = 0) -> None:
         """Start the threads, one per core.
 
         Args:
             over: tells that the time limit is reached, after which no candidates but the very first are run; None
                 without a limit.
+            evaluations: how many candidates were run before.
         """
         self.space, self.over = space, over
-        self.evaluations = 0
+        self.evaluations = evaluations
         """How many candidates were run, with derivatives or without."""
         self.best = np.zeros(0), -math.inf, 0.0
         """The best of them, shape (P,), its score, and when it was found, as by `clock` [s]."""
@@ -228,28 +236,39 @@ class Evaluator:
         Returns:
             Shape (M,); -inf for those that the time limit leaves out.
         """
+        found = self.regimes(points)
+        return np.array([-math.inf if regimes is None else self.space.score(regimes) for regimes in found])
+
+    def regimes(self, points: Sequence[np.ndarray]) -> list[list[Regime | None] | None]:
+        """Compute the periodic regimes of candidates.
+
+        Args:
+            points: in the unit box, each of shape (P,).
+
+        Returns:
+            For each candidate those on all scenes; None for those that the time limit leaves out.
+        """
         first = self.evaluations == 0
-        if not points:
-            return np.zeros(0)
         together = _CHUNK if self.space.scenes[0].base.dimension == 1 else 1  # in the plane they run one by one
         parts = [points[i : i + together] for i in range(0, len(points), together)]
 
-        def scores(i: int) -> list[float]:
+        def follow(i: int) -> list[list[Regime | None] | None]:
             left_out = self.over is not None and self.over() and not (first and i == 0)
-            return [-math.inf] * len(parts[i]) if left_out else self._run(parts[i])
+            return [None] * len(parts[i]) if left_out else self._run(parts[i])
 
-        run = map if self._pool is None or len(parts) == 1 else self._pool.map
-        return np.array([value for part in run(scores, range(len(parts))) for value in part])
+        run = map if self._pool is None or len(parts) < 2 else self._pool.map
+        return [regimes for part in run(follow, range(len(parts))) for regimes in part]
 
-    def _run(self, points: Sequence[np.ndarray]) -> list[float]:
-        """Compute the scores of some candidates, which Ctrl-C does not lose."""
-        found = self.space.scores(points)
+    def _run(self, points: Sequence[np.ndarray]) -> list[list[Regime | None] | None]:
+        """Follow some candidates, which Ctrl-C does not lose."""
+        found = self.space.regimes(np.array(points))
         with self._lock:
             self.evaluations += len(points)
-            for point, score in zip(points, found, strict=True):
+            for point, regimes in zip(points, found, strict=True):
+                score = self.space.score(regimes)
                 if score > self.best[1]:
                     self.best = point.copy(), score, clock()
-        return found
+        return list(found)
 
     def slopes(self, point: np.ndarray) -> list[tuple[float, np.ndarray]]:
         """Differentiate the scores of a candidate.

@@ -12,6 +12,7 @@ import pytest
 
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate, simulate_many
 from crawler_model.optimise.goal import Goal
+from crawler_model.optimise.limit import TimeLimit
 from crawler_model.optimise.optimise import build_space
 from crawler_model.optimise.request import Request
 from crawler_model.optimise.search import _Search, search
@@ -271,7 +272,7 @@ def test_nothing_depends_on_threads_or_on_numpys_own_random_numbers(monkeypatch)
     found = []
     for cores in (1, 2):
         monkeypatch.setattr(sys.modules[Space.__module__], "available_cores", lambda cores=cores: cores)
-        found.append(search(space, 7, None, [], rounds=3))
+        found.append(search(space, 7, TimeLimit(0.0, None), [], rounds=3))
     one, two = found
     assert one.point.tobytes() == two.point.tobytes()
     assert one.evaluations == two.evaluations
@@ -420,6 +421,6 @@ def test_with_a_time_limit_the_search_goes_on_until_it_is_over(monkeypatch):
     monkeypatch.setattr(_Search, "round", lambda self, number, _: rounds.append(number))
     rounds: list[int] = []
     _, space = build_space(chain(2), Request("translation", stroke=(0.0, 0.1), waypoints=2))
-    search(space, 0, 500.0, [])
+    search(space, 0, TimeLimit(0.0, 500.0), [])
     assert rounds[-1] > 100
     assert next(time) > 500
