@@ -74,8 +74,13 @@ def pass_end(system, dx, piece):
 
 
 @lean
-def _sum_forces(contacts, springs):
-    """Sum the spring forces on the contacts, their rates, and the sizes of both."""
+def sum_forces(contacts, springs):
+    """Sum the spring forces on the contacts, their rates, and the sizes of both.
+
+    Args:
+        contacts: CONTACT, shape (N,), changed in place.
+        springs: SPRING, shape (S,).
+    """
     for i in range(contacts.shape[0]):
         contact = contacts[i]
         contact.force = contact.force_rate = contact.size = contact.rate_size = 0.0
@@ -90,17 +95,27 @@ def _sum_forces(contacts, springs):
 
 
 @lean
-def _find_slack(system, derivative, d_target, i, ahead):
-    """Find the derivatives of the distance of a force from its bound; returns whether any parameter changes it."""
+def find_slack(system, derivative, d_target, i, ahead):
+    """Find the derivatives of the distance of a force from its bound.
+
+    Args:
+        system: a `System`, whose parameters are written.
+        derivative: a `Derivative`.
+        d_target: derivatives of the commands, shape (F, P).
+        i: the contact.
+        ahead: whether the bound is the forward one.
+
+    Returns:
+        Whether any parameter changes it.
+    """
     springs, parameters = system.springs, system.parameters
     row = springs.shape[0] + (i if ahead else system.contacts.shape[0] + i)
     for c in range(parameters.shape[0]):
         parameters[c].d_slack = d_target[row, c]
         parameters[c].d_size = abs(d_target[row, c])
-    for s in range(springs.shape[0]):
+    for e in range(system.first[i], system.first[i + 1]):
+        s = system.around[e]
         spring = springs[s]
-        if spring.a != i and spring.b != i:
-            continue
         sign = 1.0 if (spring.a == i) == ahead else -1.0
         for c in range(parameters.shape[0]):
             terms = abs(derivative.dx[spring.a, c]) + abs(derivative.dx[spring.b, c]) + abs(d_target[s, c])
@@ -182,7 +197,7 @@ def look_at_bounds(system, derivative, commands, piece):
     """
     contacts, parameters = system.contacts, system.parameters
     n, springs = contacts.shape[0], system.springs.shape[0]
-    _sum_forces(contacts, system.springs)
+    sum_forces(contacts, system.springs)
     piece.ended = CORNER if piece.until == 1.0 else EVENT
     for c in range(parameters.shape[0]):
         parameter = parameters[c]
@@ -206,7 +221,7 @@ def look_at_bounds(system, derivative, commands, piece):
             arrives |= slack <= closing * INSTANT + 1e-4 * near
         if not arrives and (slack > near or piece.until - piece.begin < _SHORTEST):
             continue
-        depends = _find_slack(system, derivative, commands.d_target, i, ahead)
+        depends = find_slack(system, derivative, commands.d_target, i, ahead)
         if not arrives:
             if depends:
                 note_kink(system, piece, i)

@@ -113,11 +113,18 @@ def _build_system(body: Body, parameters: int) -> System:
     springs["bend"] = -1
     springs["bend"][[bend.spring for bend in body.bends]] = np.arange(len(body.bends))
     curves = build_curves(body)
+    beside = np.full((body.contacts, 2), -1)
+    for side in (0, 1):
+        beside[body.element_ends[:, 1 - side], side] = np.arange(body.element_ends.shape[0])
+    ends = body.ends.ravel()
     return System(
         contacts,
         springs,
         zeros(parameters, PARAMETER),
         body.element_ends,
+        beside,
+        np.concatenate(([0], np.cumsum(np.bincount(ends, minlength=body.contacts)))),
+        np.argsort(ends, kind="stable") // 2,
         build_band(body, springs),
         np.zeros((_KINKS, 3)),
         Curves(*curves) if curves else None,

@@ -31,6 +31,7 @@ CONTACT = np.dtype(
         ("size", _FLOAT),  # sum of the absolute tensions around it [N]
         ("rate_size", _FLOAT),
         ("ground", _FLOAT),  # stiffness of its springs to what is stuck, in the elimination [N/m]
+        ("way", _FLOAT),  # how far it slid on the pieces that are taken as one [m]
         ("loose", _BYTE),  # whether it slides and no spring joins it, or the contacts that it stands for, to others
     ],
     align=True,
@@ -65,6 +66,8 @@ PARAMETER = np.dtype(
         ("d_size", _FLOAT),  # size of the terms whose difference it is
         ("scale", _FLOAT),  # largest size met so far [N]
         ("d_work", _FLOAT),  # derivative of the work of the actuators in the ramp [J]
+        ("d_offset", _FLOAT),  # derivative of the offset of a PIECE, at its start or its end
+        ("d_begin", _FLOAT),  # that at its start
     ],
     align=True,
 )
@@ -78,6 +81,13 @@ PIECE = np.dtype(
         ("ended", _INT),  # how the last piece ended
         ("knots", _INT),  # knots at which springs are at its end at instants that depend on the parameters
         ("work", _FLOAT),  # work of the actuators in the ramp [J]
+        ("steady", np.bool_),  # whether pieces of the ramp may be taken as one
+        ("standing", _INT),  # the only contact at rest, in a segment; -1 without one
+        ("element", _INT),  # the element before it, or the one that has the point at rest inside; -1 without one
+        ("element_after", _INT),  # the element after it; -1 without one
+        ("lengthens", np.bool_),  # whether the segment lengthens there
+        ("offset", _FLOAT),  # place of the contact, from the point at rest, at the start or the end, in elements
+        ("drift", _FLOAT),  # velocity of the continuous body beside that of the grid, likewise [m per ramp]
     ],
     align=True,
 )
@@ -105,6 +115,12 @@ class System(NamedTuple):
     """PARAMETER, shape (P,)."""
     elements: np.ndarray
     """Both contacts of each element of a segment, shape (Q, 2)."""
+    beside: np.ndarray
+    """The elements before and after each contact, -1 without one, shape (N, 2)."""
+    first: np.ndarray
+    """Where the springs of each contact begin in `around`, and where those of the last one end, shape (N + 1,)."""
+    around: np.ndarray
+    """The springs of each contact, in order, shape (2 S,)."""
     band: Band
     """The springs in the order of elimination."""
     kinks: np.ndarray

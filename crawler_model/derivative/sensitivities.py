@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +17,12 @@ from ..body.drive import NS
 from ..errors import CommandError, SceneError
 from ..notebook import write_html, write_numbers
 from ..run.screw import largest_distance
-from ..run.simulate import default_duration
+from ..run.simulate import default_duration, simulate
 from ..run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from ..scene.file import coerce_scene
 from ..scene.scene import Scene
 from ..sweep.keys import check_form, with_loads
+from .grids import RESOLVED, compare_grids, other_grids
 from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
@@ -69,9 +70,11 @@ class Sensitivities:
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, or none as a relaxed start jumps there, bool, shape (P,).
         kinks: where they are.
-        tolerance: on a line 0, as derivatives are exact but for rounding; in the plane an estimate of the error of
-            those of the displacement, relative to the largest one with respect to the same parameter; NaN where none is
-            two-sided [1].
+        tolerance: on a line 0, as derivatives are exact but for rounding; of segments an estimate of the error of those
+            of the net translation that are not in `unresolved`, and in the plane of those of the displacement that are
+            not one-sided, relative to the largest one with respect to the same parameter; NaN where there are none [1].
+        unresolved: parameters with respect to which the derivatives of the net translation are those of the elements,
+            not those of the continuous segments: on other grids they differ by more than a twentieth; bool, shape (P,).
     """
 
     parameters: tuple[str, ...]
@@ -86,17 +89,19 @@ class Sensitivities:
     one_sided: np.ndarray
     kinks: tuple[Kink, ...]
     tolerance: float = 0.0
+    unresolved: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def differentiable(self) -> bool:
-        """Whether all derivatives are two-sided."""
-        return not self.one_sided.any()
+        """Whether all derivatives are two-sided, and those of segments do not depend on their elements."""
+        return not (self.one_sided.any() or self.unresolved.any())
 
     def __repr__(self) -> str:
         """Describe the derivatives in one line."""
         state = "differentiable"
+        counts = (int(self.one_sided.sum()), "one-sided"), (int(self.unresolved.sum()), "dependent on the elements")
         if not self.differentiable:
-            state = f"{int(self.one_sided.sum())} of them one-sided"
+            state = ", ".join(f"{count} of them {what}" for count, what in counts if count)
         error = f", errors up to about {self.tolerance:.0e}" if self.tolerance > 0.0 else ""
         return f"Sensitivities({len(self.parameters)} parameters, {self.time.size} times, {state}{error})"
 
@@ -104,7 +109,8 @@ class Sensitivities:
         """Show the derivatives of the gain in the last period, or at the end, in a notebook."""
         which = "per_period" if self.per_period.size else "net_translation"
         last = getattr(self, which)[-1].T
-        sides = np.where(self.one_sided, " (one-sided somewhere)", "").tolist()
+        sides = np.where(self.one_sided, " (one-sided somewhere)", "").astype(object)
+        sides += np.where(self.unresolved, " (dependent on the elements)", "").astype(object)
         facts = [
             (f"{name} = {value:.6g}", write_numbers(derivative) + side)
             for name, value, derivative, side in zip(self.parameters, self.values, last, sides, strict=True)
@@ -157,13 +163,42 @@ def sensitivities(
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
     if scene.dimension == 1:
-        return _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
+        found = _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
+        if not scene.body.segments:
+            return found
+        travel = float(np.ptp(simulate(scene, seconds, rate).net_translation))
+        return _compare_with_grids(scene, found, keys, tick_ns, travel)
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
     error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))
     relative = (error / np.maximum(size, _find_smallest(scene, derivatives)))[~fine.one_sided]
     return dataclasses.replace(fine, tolerance=float(relative.max()) if relative.size else math.nan)
+
+
+def _compare_with_grids(
+    scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, travel: float
+) -> Sensitivities:
+    """Compare the derivatives of a body with segments with those on other grids."""
+    differences = np.full(len(found.parameters), math.inf)
+    try:
+        others = [_differentiate_on_line(grid, keys, tick_ns) for grid in other_grids(scene)]
+    except (SceneError, CommandError):  # no derivative exists there
+        pass
+    else:
+        differences = np.maximum(
+            compare_grids(found.net_translation, [other.net_translation for other in others], travel, found.values),
+            compare_grids(found.per_period, [other.per_period for other in others], travel, found.values),
+        )
+    unresolved = differences > RESOLVED
+    tolerance = math.nan if unresolved.all() else float(differences[~unresolved].max())
+    return dataclasses.replace(found, tolerance=tolerance, unresolved=frozen(unresolved, np.bool_))
+
+
+def _differentiate_on_line(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray) -> Sensitivities:
+    """Differentiate a run on a line, on the grid of the scene."""
+    derivatives = differentiate_arrays(scene, keys, "sensitivities")
+    return _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
 
 
 def _find_smallest(scene: Scene, derivatives: Derivatives) -> np.ndarray:
@@ -215,6 +250,7 @@ def _differentiate(
         frozen(spent.reshape(-1, columns)),
         frozen(path.one_sided, np.bool_),
         _kinks(scene, path, np.concatenate(vertex_ns)),
+        unresolved=frozen(np.zeros(columns), np.bool_),
     )
 
 

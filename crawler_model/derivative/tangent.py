@@ -26,13 +26,10 @@ from .curves import (
     place_bends,
 )
 from .elimination import eliminate_many
-from .kinks import INSTANT, SAME, look_at_bounds, look_at_choice, mark, pass_end
+from .kinks import INSTANT, look_at_bounds, look_at_choice, mark, pass_end
 from .records import FREE, NO_END
-
-_STILL = 1e-12
-"""A velocity below this part of the largest one is rounding."""
-_TO_THE_END = 1.0 - 1e-13
-"""A piece that ends later on its ramp ends with it."""
+from .standing import begin_standing, end_standing
+from .starts import STILL, TO_THE_END, begin_ways, end_ways, go_on, is_steady, pass_start
 
 
 @lean
@@ -52,7 +49,7 @@ def _find_sliding(contacts, commands, springs, middle):
         width = 0.0
         for row in (springs + i, springs + n + i):
             width += commands.start[row] + middle * commands.change[row]
-        if abs(contact.v) > _STILL * fastest:
+        if abs(contact.v) > STILL * fastest:
             contact.sliding = 1 if contact.v > 0.0 else -1
         else:
             contact.v = 0.0
@@ -85,44 +82,37 @@ def _balance(system, derivative, commands):
 
 
 @lean
-def _find_pair(contacts, elements):
-    """Find the element of a segment whose ends slide at opposite velocities; -1 without one."""
-    fastest, pair = 0.0, -1
-    for i in range(contacts.shape[0]):
-        fastest = max(fastest, abs(contacts[i].v))
-    for j in range(elements.shape[0]):
-        a, b = contacts[elements[j, 0]].v, contacts[elements[j, 1]].v
-        if a * b < 0.0 and abs(a + b) <= 1e-9 * fastest:
-            pair = j
-    return pair
+def _shift_all(system, derivative, piece):
+    """Choose the translation where all contacts slide, as `choose_translation` does: a kink."""
+    contacts, dx, earlier = system.contacts, derivative.dx, derivative.earlier
+    n = contacts.shape[0]
+    for c in range(dx.shape[1]):
+        shift = 0.0
+        for i in range(n):
+            shift += contacts[i].share * (earlier[i, c] - dx[i, c])
+        for i in range(n):
+            dx[i, c] += shift
+        system.parameters[c].one_sided = True
+    for i in range(n):
+        mark(system.kinks, piece.ramp, piece.begin, i)
 
 
 @lean
-def _shift_all(system, derivative, d_target, piece):
-    """Choose the translation where all contacts slide, as `choose_translation` does, and find whether it is a kink."""
-    contacts, elements, dx, earlier = system.contacts, system.elements, derivative.dx, derivative.earlier
-    n, springs = contacts.shape[0], system.springs.shape[0]
-    pair = _find_pair(contacts, elements)
-    marked = False
+def _balance_about(system, derivative, commands, element):
+    """Solve for the derivatives where all contacts slide and the middle of an element is at rest.
+
+    What the bounds lack of a balance moves the point at rest, see `standing`, so that one of its contacts does without.
+    """
+    dx, earlier = derivative.dx, derivative.earlier
+    a, b = system.elements[element, 0], system.elements[element, 1]
+    contact = system.contacts[a]
+    direction, contact.sliding = contact.sliding, 0
+    _balance(system, derivative, commands)
+    contact.sliding = direction
     for c in range(dx.shape[1]):
-        shift = 0.0
-        if pair >= 0:
-            for i in elements[pair]:
-                shift += 0.5 * (earlier[i, c] - dx[i, c])
-        else:
-            for i in range(n):
-                shift += contacts[i].share * (earlier[i, c] - dx[i, c])
-        total = size = 0.0
-        for i in range(n):
+        shift = 0.5 * (earlier[a, c] - dx[a, c] + earlier[b, c] - dx[b, c])
+        for i in range(dx.shape[0]):
             dx[i, c] += shift
-            change = d_target[springs + i, c] if contacts[i].sliding > 0 else -d_target[springs + n + i, c]
-            total += change
-            size += abs(change)
-        if pair < 0 or abs(total) > SAME * size:
-            system.parameters[c].one_sided = marked = True
-    if marked:
-        for i in range(n):
-            mark(system.kinks, piece.ramp, piece.begin, i)
 
 
 @lean
@@ -180,6 +170,7 @@ def _begin_ramp(system, commands, course, piece, v):
     for c in range(parameters.shape[0]):
         parameters[c].d_work = 0.0
     piece.ramp, piece.until, piece.work = v, 0.0, 0.0
+    piece.steady = is_steady(system, commands)
     while piece.next < course.pieces.shape[0] and course.pieces[piece.next, RAMP] < v:
         piece.next += 1  # an instant at the end of the ramp before
 
@@ -215,7 +206,7 @@ def _read_piece(contacts, pieces, piece):
         row = piece.next
         piece.next += 1
         piece.begin, piece.until = pieces[row, FROM], pieces[row, UNTIL]
-        if piece.until > _TO_THE_END:
+        if piece.until > TO_THE_END:
             piece.until = 1.0
         found = piece.until == 1.0 or piece.until - piece.begin >= INSTANT
         for i in range(n):
@@ -241,8 +232,8 @@ def _add_work(springs, parameters, derivative, commands, length):
 
 
 @lean
-def _advance_springs(system, commands, piece):
-    """Advance the tensions to the end of a piece, with the work of the actuators."""
+def _advance_springs(system, commands, piece, alone):
+    """Advance the tensions to the end of a piece, with the work, and its derivatives if the piece stands alone."""
     length = piece.until - piece.begin
     for s in range(system.springs.shape[0]):
         spring, change = system.springs[s], commands.change[s]
@@ -256,14 +247,14 @@ def _advance_springs(system, commands, piece):
             )
             spring.elongation += length * growth
         piece.work -= mean * change * length
-        for c in range(system.parameters.shape[0]):
+        for c in range(system.parameters.shape[0] if alone else 0):
             system.parameters[c].d_work -= length * mean * (commands.d_end[s, c] - commands.d_start[s, c])
         spring.tension += length * spring.rate
 
 
 @lean
-def _follow_piece(system, derivative, commands, piece):
-    """Carry the derivatives along a piece."""
+def _follow_piece(system, derivative, commands, pieces, piece):
+    """Carry the derivatives along a piece, or along several at whose events contacts begin to slide."""
     contacts, springs = system.contacts, system.springs
     n, length = contacts.shape[0], piece.until - piece.begin
     sliding = _find_sliding(contacts, commands, springs.shape[0], 0.5 * (piece.begin + piece.until))
@@ -274,19 +265,38 @@ def _follow_piece(system, derivative, commands, piece):
     if mixed and sliding < n:
         _balance(system, derivative, commands)
     _find_tensions(system, derivative, commands)
-    _add_work(springs, system.parameters, derivative, commands, length)
-    _advance_springs(system, commands, piece)
+    begin_standing(system, derivative, commands, piece, sliding)
+    alone = not piece.steady or sliding >= n - 1
+    if alone:
+        _add_work(springs, system.parameters, derivative, commands, length)
+    else:
+        begin_ways(system, derivative)
+    _advance_springs(system, commands, piece, alone)
+    if not alone:
+        go_on(contacts, piece)
+        while pass_start(system, derivative, commands, pieces, piece):
+            _advance_springs(system, commands, piece, alone)
+            go_on(contacts, piece)
+        sliding = 0
+        for i in range(n):
+            sliding += contacts[i].sliding != 0
     _place_commands(commands, piece.until)
     _find_own(system, derivative, commands)
     if sliding > 0:
         for i in range(n):
             for c in range(system.parameters.shape[0]):
                 derivative.earlier[i, c] = derivative.dx[i, c]
-        if not _balance(system, derivative, commands):
-            _shift_all(system, derivative, commands.d_target, piece)
+        if sliding == n and piece.element >= 0:
+            _balance_about(system, derivative, commands, piece.element)
+        elif not _balance(system, derivative, commands):
+            _shift_all(system, derivative, piece)
         look_at_loose(system, system.curves, piece)
     _find_tensions(system, derivative, commands)
-    _add_work(springs, system.parameters, derivative, commands, length)
+    end_standing(system, derivative, commands, piece)
+    if alone:
+        _add_work(springs, system.parameters, derivative, commands, length)
+    else:
+        end_ways(system, derivative, commands)
     look_at_knots(
         system, system.curves, derivative, commands, piece, look_at_bounds(system, derivative, commands, piece)
     )
@@ -339,7 +349,7 @@ def follow_tangent(system, derivative, commands, course, pieces, output, samples
             _look_at_start(system, derivative, commands, piece)
             _begin_ramp(system, commands, course, piece, v)
         while piece.until < 1.0 and _read_piece(system.contacts, course.pieces, piece):
-            _follow_piece(system, derivative, commands, piece)
+            _follow_piece(system, derivative, commands, course.pieces, piece)
             _finish_piece(system, piece, samples)
         for f in range(commands.start.shape[0]):
             commands.start[f] = course.targets[v, f]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .assemble_turning import check_turning
 from .assembly import Assembly
 from .elements import MOST_UNMEASURED, MOST_WAVES_MEASURED, count_elements, count_elements_of_waves
 from .friction_parts import FrictionRowsPart
+from .link_parts import SegmentPart
 from .parts import LEAST_TOLERANCE, SceneParts
 from .standing import find_standing, measure_gains
 
@@ -42,7 +44,7 @@ def assemble(parts: SceneParts, like: Assembly | None = None) -> Assembly:
         SceneError: if a part, contact, link, segment or row is invalid; the message names it.
     """
     _check_parts(parts)
-    elements = [] if like is not None else [s.elements or _count(parts, i) for i, s in enumerate(parts.body.segments)]
+    elements = [] if like is not None else _count_all(parts)
     assembly = _assemble(parts, elements, like)
     check_start(assembly)
     return assembly
@@ -135,6 +137,29 @@ def _check_planar(parts: SceneParts) -> None:
         check_directions(
             friction.given.directions, planar_friction(parts), "N" if friction.coefficient is None else "of its weight"
         )
+
+
+def _count_all(parts: SceneParts) -> list[int]:
+    """Find the number of elements of each segment; equal segments get equal numbers, so that they look equal."""
+    segments = parts.body.segments
+    counts = [s.elements or _count(parts, i) for i, s in enumerate(segments)]
+    kinds = [None if s.elements else _describe(s) for s in segments]
+    return [
+        n if kind is None else max(counts[i] for i, k in enumerate(kinds) if k == kind)
+        for n, kind in zip(counts, kinds, strict=True)
+    ]
+
+
+def _describe(segment: SegmentPart) -> dict[str, Any]:
+    """Describe a segment in the way in which segments of different names at different places may be equal."""
+    length = segment.stop - segment.start
+
+    def describe(name: str, value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: describe(key, inner) for key, inner in value.items()}
+        return [f"{(at - segment.start) / length:.9f}" for at in value] if name == "at" else value
+
+    return {"length": f"{length:.9g}"} | describe("", segment.model_dump(exclude={"name", "start", "stop", "shown"}))
 
 
 def _count(parts: SceneParts, place: int) -> int:

@@ -45,10 +45,13 @@ def count_elements(
     accuracy: float,
     waves: float = 0.0,
 ) -> int:
-    """Find a number of elements from which on the net translation has the required accuracy.
+    """Find a number of elements from which on the net translation has the required accuracy in every period.
+
+    From there on the translation is also unique, or not, as it is on the finest grid.
 
     Args:
-        gains: net translation of each period (or of the whole run) for a number of elements [m].
+        gains: net translation of each period (or at each waypoint) for a number of elements, then both ends of the
+            interval of translations that solve the model as well, from the one chosen, 0 where it is unique [m].
         exact: the same without error, or from a fine grid [m].
         predict: error of `gains` due to standing contacts for numbers of elements, both of shape (M,) [m].
         scale: largest commanded change of length [m].
@@ -65,20 +68,29 @@ def count_elements(
     finer = max(1.0, 3.0 * least / _TRIED[-1])
 
     def measure(n: int) -> float:
-        return float(np.abs(gains(n) - exact).max(initial=0.0)) / scale
+        found = gains(n)
+        if _is_unique(found) != _is_unique(exact):
+            return np.inf
+        differs = found != exact  # both may be infinite
+        return float(np.abs(found[differs] - exact[differs]).max(initial=0.0)) / scale
 
     tried, measured, rest = np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
     for grids in (_TRIED, _TRIED_FINER):
         grid = np.unique([round(n * finer) for n in grids if n * finer >= least]).astype(np.int64)
         tried = np.concatenate((tried, grid))
         measured = np.concatenate((measured, [measure(n) for n in grid.tolist()]))
-        rest = np.maximum(measured - predict(tried) / scale, 0.0)
+        rest = np.maximum(np.where(measured < np.inf, measured, 0.0) - predict(tried) / scale, 0.0)
         wanted = _first_good(tried, measured, rest, lambda n: predict(n) / scale, accuracy, least)
         if 2 * wanted <= tried[-1] or waves > 0.0:
             break
     while _ALL_TRIED < wanted <= _VERIFIED and measure(wanted) > 0.95 * accuracy:
         wanted += 1 + wanted // 8
     return _checked_count(wanted, accuracy)
+
+
+def _is_unique(gains: np.ndarray) -> bool:
+    """Determine from the interval at their end whether the translations are unique."""
+    return not gains[-2:].any()
 
 
 def count_elements_of_waves(waves: float, accuracy: float) -> int:

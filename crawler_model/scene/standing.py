@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.drive import Drive
+from ..motion.state import AMBIGUOUS, GAIN_LEAST, GAIN_MOST
 from .assembly import Assembly
 
+_PERIODS = 3
+"""Number of periods of a drive that are run."""
 _TICKS = 32
 """Minimum number of parts of the path of a drive."""
 _BLOCK = 256
@@ -65,10 +68,10 @@ class Standing:
 
 
 def _choose_rows(drive: Drive) -> np.ndarray:
-    """List the rows of a drive along three of its periods, or along all of it."""
+    """List the rows of a drive along some of its periods, or along all of it."""
     if drive.period is None:
         return np.arange(drive.times.size)
-    return np.append(np.tile(np.flatnonzero(drive.times < drive.period), 3), 0)
+    return np.append(np.tile(np.flatnonzero(drive.times < drive.period), _PERIODS), 0)
 
 
 def measure_gains(assembly: Assembly) -> np.ndarray:
@@ -78,17 +81,26 @@ def measure_gains(assembly: Assembly) -> np.ndarray:
         assembly: assembly of a scene with a drive.
 
     Returns:
-        The net translation gained in each of two periods after the first; without a period, that at each waypoint [m].
+        The net translation gained in each of three periods; without a period, that at each waypoint; then the least
+        and the largest translation that solve the model as well, from the one chosen, as a mean over the periods, both
+        0 where it is unique [m].
     """
     from ..crawler.crawler import Crawler
 
     body, drive = assembly.body, assembly.drive
     targets = drive.targets[_choose_rows(drive)[1:]]
     records = np.empty((targets.shape[0], 2 * body.contacts + body.springs))
-    Crawler(assembly).follow(targets, records)
+    account = Crawler(assembly).follow(targets, records).account
     x = records[:, : body.contacts] + records[:, body.contacts : 2 * body.contacts]
     at = np.vstack((assembly.start_displacement, x)) @ body.share
-    return at if drive.period is None else np.diff(at[:: targets.shape[0] // 3])[1:]
+    gained = at if drive.period is None else np.diff(at[:: targets.shape[0] // _PERIODS])
+    return np.append(gained, _find_interval(account, drive))
+
+
+def _find_interval(account: np.ndarray, drive: Drive) -> np.ndarray:
+    """Find the interval of translations in the account of a run, as a mean over its periods, shape (2,) [m]."""
+    interval = account[[GAIN_LEAST, GAIN_MOST]] if account[AMBIGUOUS] else np.zeros(2)
+    return np.asarray(interval / (1 if drive.period is None else _PERIODS))
 
 
 def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]:
@@ -101,8 +113,8 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
         place: index of the segment.
 
     Returns:
-        The net translation gained in each period after the first (without a period: at each waypoint), corrected for
-        the points at rest, which is accurate to second order; and these points.
+        The results of `measure_gains`, corrected for the points at rest, which makes them accurate to second order; and
+        these points.
     """
     from ..crawler.crawler import Crawler
 
@@ -115,12 +127,13 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
     last = np.concatenate((assembly.start_displacement, np.zeros(count)))
     friction = drive.targets[rows[0], body.springs :]
     gained, points, strains, ticks = [], [], [], []
+    step = None
     for first in range(0, ramps * parts, _BLOCK):
         tick = np.arange(first, min(first + _BLOCK, ramps * parts))
         begin, end = drive.targets[rows[tick // parts]], drive.targets[rows[tick // parts + 1]]
         targets = begin + ((tick % parts + 1) / parts)[:, None] * (end - begin)
         records = np.empty((tick.size, 2 * count + body.springs))
-        crawler.follow(targets, records)
+        step = crawler.follow(targets, records, step)
         x = np.vstack((last, records[:, : 2 * count]))
         moved = np.diff(x[:, :count], axis=0) + np.diff(x[:, count:], axis=0)
         held = np.vstack((friction, targets[:, body.springs :]))
@@ -138,9 +151,8 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
         total = body.share @ assembly.start_displacement + np.concatenate(([0.0], np.cumsum(ramp_gained)))
         moments, moment = ramps, ramp
     else:
-        total = ramp_gained.reshape(3, -1).sum(axis=1)[1:]
-        moments, moment = 2, ramp // (ramps // 3) - 1  # the first period is not compared
-        found &= moment >= 0
+        total = ramp_gained.reshape(_PERIODS, -1).sum(axis=1)
+        moments, moment = _PERIODS, ramp // (ramps // _PERIODS)
     standing = Standing(
         body.segments[place].length,
         np.concatenate(points)[found],
@@ -149,7 +161,8 @@ def find_standing(assembly: Assembly, place: int) -> tuple[np.ndarray, Standing]
         moments,
         drive.period is None,
     )
-    return total, standing
+    assert step is not None
+    return np.append(total, _find_interval(step.account, drive)), standing
 
 
 def _stand(

@@ -76,8 +76,9 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
     """Compute the uniqueness margin of the friction commanded by a drive.
 
     A segment counts as one contact with the friction of its whole length: if parts of it slide in both directions, the
-    translation is determined as soon as both its coefficients are positive ([G] Lemma on homogeneous continuous
-    models; with loads, its bounds). Only segments that slide in one direction as a whole can leave it undetermined.
+    translation is determined as soon as the sum of its coefficients is positive everywhere ([G] Lemma on homogeneous
+    continuous models asks for both; its proof uses the sum). Only segments that slide in one direction as a whole can
+    leave it undetermined.
 
     Args:
         body: the body.
@@ -85,13 +86,13 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
     Returns:
         The minimum over the waypoints, in [0, 1/2]; None if one of them is undecided, for more than 64 different rows
-        of more than 16 blocks, if a bound of a part of a segment is not positive, in the plane, and if a spring has
-        flat pieces, which may leave a part of the body to itself.
+        of more than 16 blocks, if a part of a segment has no friction in either direction, in the plane, and if a
+        spring has flat pieces, which may leave a part of the body to itself.
     """
     if body.dimension == 2 or body.has_flat_springs:
         return None
     for segment in body.segments:
-        if min(drive.forward[:, segment.contacts].min(), drive.backward[:, segment.contacts].min()) <= 0.0:
+        if (drive.forward + drive.backward)[:, segment.contacts].min() <= 0.0:
             return None
     sides = [_blocks(body, rows) for rows in (drive.forward, drive.backward)]
     rows = np.unique(np.hstack(sides), axis=0)
@@ -164,7 +165,7 @@ def choose_translation(
     size = float(np.abs(velocity).max(initial=0.0))
     chosen, middle = min(max(-float(share @ velocity), least), most), 0.5 * (least + most)
     if least < most and np.isfinite(middle):
-        held = np.minimum(forward, backward)[elements].min(axis=1) > 0.0
+        held = (np.asarray(forward) + backward)[elements].min(axis=1) > 0.0
         if (held & ((velocity[elements] + middle).prod(axis=1) < 0.0)).any():
             chosen = least = most = middle
     velocity += chosen

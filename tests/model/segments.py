@@ -63,7 +63,7 @@ def gains(document, **cut):
     scene = Scene.model_validate(document | {"body": document["body"] | {"segments": [part | cut]}})
     if scene.drive.period is None:
         return scene, simulate(scene, rate=1.0).waypoint_net_translation
-    return scene, simulate(scene, duration=3.0, rate=1.0).per_period[1:]
+    return scene, simulate(scene, duration=3.0, rate=1.0).per_period
 
 
 def accuracies(length, modulus, forward, backward, stroke, accuracy, method="exact"):
@@ -84,3 +84,52 @@ def random_homogeneous(seed):
     rng.shuffle(sides)
     stroke = weak * length / modulus * 10 ** rng.uniform(-0.3, 2)
     return (*(float(v) for v in (length, modulus, *sides, stroke)), float(10 ** rng.uniform(-3.3, -0.7)))
+
+
+VARIOUS = ("weak", "isotropic", "untouched", "chambers", "slope", "commanded", "tendon", "one_way", "shortening")
+
+
+def various(seed):
+    """A random body on segments whose transient, uniqueness or looks matter, and an accuracy."""
+    rng = np.random.default_rng([63, seed])
+    kind = VARIOUS[seed % len(VARIOUS)]
+    weak = float(rng.uniform(0.05, 0.2))
+    sides = [weak, weak * float(rng.uniform(1.2, 6.0))]
+    rng.shuffle(sides)
+    part = {"name": "trunk", "from": 0.0, "to": 1.0, "stiffness": float(rng.uniform(0.5, 2.0))}
+    part["friction"] = dict(zip(("forward", "backward"), sides, strict=True))
+    stroke = float(rng.uniform(1.2, 4.0)) * weak
+    rows = [[0.0], [stroke], [float(rng.uniform(-0.3, 1)) * stroke], [float(rng.uniform(-0.3, 1)) * stroke], [0.0]]
+    drive = {"times": [0, 0.3, 0.5, 0.7, 1], "period": 1, "actuation": rows}
+    document = {"name": kind, "body": {"segments": [part]}, "drive": drive}
+    if kind == "weak":
+        drive["actuation"] = [[v * 0.3] for (v,) in rows]
+    if kind == "isotropic":
+        part["friction"] = {"isotropic": weak}
+    if kind == "untouched":
+        at = np.sort(rng.uniform(0.2, 0.8, 2))
+        at = [0.0, at[0], at[0] + 0.01, at[1] + 0.02, at[1] + 0.03, 1.0]
+        part["friction"] = {"isotropic": {"at": [float(v) for v in at], "value": [weak, weak, 0, 0, weak, weak]}}
+    if kind == "chambers":
+        count = int(rng.integers(2, 5))
+        document["body"] = {
+            "segments": [part | {"name": f"chamber{i}", "from": 1.5 * i, "to": 1.5 * i + 1.0} for i in range(count)],
+            "links": {"stiffness": float(rng.uniform(1.0, 5.0))},
+        }
+        given = rng.uniform(-0.3, 1, (4, count)) * stroke
+        given[0] = 0.0
+        drive["actuation"] = [[0.0] * (count - 1) + row for row in (*given.tolist(), given[0].tolist())]
+    if kind == "slope":
+        document["body"]["weights"] = weak
+        document |= {"ground": {"slope": float(rng.uniform(-20, 20))}, "start": "relaxed"}
+    if kind == "commanded":
+        drive["friction"] = {s: [[v * float(f)] for f in rng.uniform(0.5, 2, 4)] for s, v in part["friction"].items()}
+        for column in drive["friction"].values():
+            column.append(column[0])
+    if kind == "tendon":
+        part["tension"] = {"least": 0.0, "most": float(rng.uniform(0.05, 0.5))}
+    if kind == "one_way":
+        part["friction"][str(rng.choice(["forward", "backward"]))] = 0.0
+    if kind == "shortening":
+        drive["actuation"] = [[-v] for (v,) in rows]
+    return document, float(10 ** rng.uniform(-3, -1))

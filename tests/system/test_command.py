@@ -160,7 +160,7 @@ def test_check_says_what_a_body_is_and_where_it_can_go():
     assert "3 contacts, 3 links, a graph; valid" in text
     assert "allows motion forward only" in text
     text = good("check", "friction_wave_segment")
-    assert "segment foot (32 elements)" in text
+    assert "segment foot (44 elements)" in text
     assert "changing by at most 0.9" in text
     assert "per second; regular" in text
     text = good("check", "planar_three_points")

@@ -82,13 +82,16 @@ def _find_quantile(contacts, block, curves, ramp, middle, level):
 
 @lean
 def _is_held_inside(contacts, springs, block, curves, ramp, middle, translation):
-    """Determine whether an element of a segment has friction, and ends that slide in opposite directions."""
+    """Determine whether an element of a segment has friction, and ends that slide in opposite directions.
+
+    A point between them that rests has friction on both sides of it, so friction in one direction is enough.
+    """
     for j in range(springs.shape[0]):
         if not springs[j].element or not _is_within(springs[j], block, curves, ramp):
             continue
         a, b = contacts[springs[j].a], contacts[springs[j].b]
-        held = min(a.forward + middle * a.d_forward, a.backward + middle * a.d_backward) > 0.0
-        held = held and min(b.forward + middle * b.d_forward, b.backward + middle * b.d_backward) > 0.0
+        held = a.forward + a.backward + middle * (a.d_forward + a.d_backward) > 0.0
+        held = held and b.forward + b.backward + middle * (b.d_forward + b.d_backward) > 0.0
         if held and (a.v + translation) * (b.v + translation) < 0.0:
             return True
     return False
