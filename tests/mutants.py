@@ -5,7 +5,7 @@ copy of the tree, first by the test files that are nearest to its module: by the
 the number of imports between them; of each test by one case before the others. Its fate is one of three:
 
 * killed: a test fails that passes without the change;
-* survived: the nearest test files pass (their number is `MOST`), which leaves tests that are slow or were skipped;
+* survived: the nearest test files pass (`--files`), which leaves tests that are slow or were skipped;
 * undecided: the time ended first, which says nothing about the tests that were left.
 
 Kernels run interpreted at first, which takes less than to compile them, and compiled if no test has failed by then.
@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import inspect
 import json
 import os
 import re
@@ -34,9 +35,9 @@ from pathlib import Path
 from .mutations import Mutant, choose
 
 ROOT = Path(__file__).parent.parent
-NEAREST, MOST = 6, 24
-"""Numbers of test files that a mutant is tested with, first and in all: to import them takes a second each."""
-LIMIT = "MUTANT_SECONDS"
+STAGES = (2, 8)
+"""Numbers of the nearest test files that a mutant is tested with at first: to import them takes a second each."""
+LIMIT, WORDS = "MUTANT_SECONDS", "MUTANT_WORDS"
 OF_TEXT = {"test_structure.py", "test_rooms.py", "test_documented_names.py"}
 """Tests that read the sources and not what they do."""
 SAME_KERNELS = """
@@ -55,13 +56,15 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list) -> None:
-    """Run one case of each test, then a second one, then all others."""
+    """Run the tests first that share words with the mutant, and of each test one case, then a second one, then all."""
+    words = os.environ.pop(WORDS, "").split()
     seen: Counter[str] = Counter()
     rank = {}
     for item in items:
         name = item.nodeid.partition("[")[0]
         seen[name] += 1
-        rank[item] = min(seen[name], 3)
+        text = name + inspect.getsource(item.function)
+        rank[item] = min(seen[name], 3), -sum(word in text for word in words)
     items.sort(key=lambda item: rank[item])
 
 
@@ -137,11 +140,13 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
     path, cache, begun = folder / mutant.file, folder / ".kernels", time.monotonic()
     whole = path.read_bytes()
     changed = whole[: mutant.place[0]] + mutant.after.encode() + whole[mutant.place[1] :]
-    compiled = {"NUMBA_CACHE_DIR": str(cache)} if mutant.kernel else {}
-    stages = [(tests[:NEAREST], compiled), (tests[NEAREST:MOST], compiled)]
-    for files, way in [(tests[:NEAREST], {"NUMBA_DISABLE_JIT": "1"})] * mutant.kernel + stages:
+    words = {word for part in (mutant.function, path.stem) for word in part.split("_") if len(word) > 2}
+    compiled = {WORDS: " ".join(words)} | ({"NUMBA_CACHE_DIR": str(cache)} if mutant.kernel else {})
+    parts = [tests[a:b] for a, b in zip((0, *STAGES), (*STAGES, None), strict=True)]
+    interpreted = [(part, compiled | {"NUMBA_DISABLE_JIT": "1"}) for part in parts[: mutant.kernel]]
+    for files, way in [*interpreted, *((part, compiled) for part in parts)]:
         unsound = list[str]()
-        while mutant.fate != "killed":
+        while files and mutant.fate != "killed":
             path.write_bytes(changed)
             status, said = run(folder, [*unsound, *files], seconds, way)
             path.write_bytes(whole)
@@ -190,8 +195,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=60, help="number of mutants")
     parser.add_argument("--seed", type=int, default=0, help="of the choice")
     parser.add_argument(
-        "--seconds", type=float, default=60.0, help="of a processor for the nearest tests, and again for the others"
+        "--seconds", type=float, default=60.0, help="of a processor for each stage: the nearest tests, then others"
     )
+    parser.add_argument("--files", type=int, default=24, help="number of test files, the nearest ones")
     parser.add_argument("--at-once", type=int, default=2, help="mutants that are tested at the same time")
     parser.add_argument("--packages", default=".*", help="regular expression for the names of the packages")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of the mutants to try; without, all")
@@ -215,7 +221,7 @@ def main() -> None:
 
         def one(number: int) -> None:
             mutant, place = mutants[number], copies.pop()
-            try_out(mutant, place, order_tests(mutant, graph, clean), given.seconds, sound)
+            try_out(mutant, place, order_tests(mutant, graph, clean)[: given.files], given.seconds, sound)
             copies.append(place)
             report(mutants, ROOT / "mutants", given.seed)
             print(f"{number}: {mutant.fate}: {mutant.file}:{mutant.line} {mutant.kind} {mutant.test}", flush=True)

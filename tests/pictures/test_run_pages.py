@@ -23,7 +23,7 @@ from crawler_pictures.run.page import draw_run
 from crawler_pictures.run.plane import draw_friction, draw_plane
 from crawler_pictures.run.trajectory import read_trajectory
 
-from ..golden_pictures import GOLDEN, TOLERANCE, distance
+from ..golden_pictures import GOLDEN, TOLERANCE, distance, words_of_figures
 
 
 def waving(count: int, wavelength: float, friction: float) -> Scene:
@@ -92,7 +92,9 @@ def pages(tmp_path_factory):
     def draw(name: str) -> Path:
         if name not in drawn:
             drawn[name] = folder / f"{name}.png"
-            draw_run(read_trajectory(simulate(PAGES[name](), 3.0)), drawn[name])
+            with words_of_figures() as words:
+                draw_run(read_trajectory(simulate(PAGES[name](), 3.0)), drawn[name])
+            drawn[name].with_suffix(".txt").write_text(words[0], "utf-8")
         return drawn[name]
 
     return draw
@@ -101,6 +103,7 @@ def pages(tmp_path_factory):
 @pytest.mark.parametrize("name", PAGES)
 def test_the_page_is_the_one_that_was_looked_at(pages, name):
     assert distance(pages(name), GOLDEN / f"run_{name}.png") < TOLERANCE
+    assert pages(name).with_suffix(".txt").read_text("utf-8") == (GOLDEN / f"run_{name}.txt").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", ["planar_three_points", "planar_rectilinear", "loaded"])

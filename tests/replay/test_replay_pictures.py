@@ -11,11 +11,11 @@ pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
 from crawler_ros.replay import analyse
 from crawler_ros.replay.show.compare import compare_all
-from crawler_ros.replay.show.compare_page import draw_comparison
+from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
 from crawler_ros.replay.show.page import draw_replay
 from crawler_ros.replay.show.samples import Samples
 
-from ..golden_pictures import GOLDEN, TOLERANCE, distance
+from ..golden_pictures import GOLDEN, TOLERANCE, distance, words_of_figures
 from ..recordings import record
 
 
@@ -41,14 +41,24 @@ def draw_page(path: Path, png: Path) -> Path:
 def drawn(tmp_path_factory):
     folder = tmp_path_factory.mktemp("golden")
     bags = {name: record(folder / name, strategy_b(name, float(name[1:])), 5) for name in ("b3", "b6")}
-    pages = {name: draw_page(bag, folder / f"{name}.png") for name, bag in bags.items()}
-    draw_comparison(compare_all([bags["b3"], bags["b6"]])[0], folder / "compare.png")
-    return {**pages, "compare": folder / "compare.png"}
+    with words_of_figures() as words:
+        pages = {name: draw_page(bag, folder / f"{name}.png") for name, bag in bags.items()}
+        both = compare_all([bags["b3"], bags["b6"]])
+        draw_comparison(both[0], folder / "compare.png")
+        draw_all(both, folder / "all.png")
+    for name, text in zip((*pages, "compare", "all"), words, strict=True):
+        (folder / f"{name}.txt").write_text(text, "utf-8")
+    return {**pages, "compare": folder / "compare.png", "all": folder / "all.png"}
 
 
 @pytest.mark.parametrize("name", ["b6", "compare"])
 def test_the_picture_is_the_one_that_was_looked_at(drawn, name):
     assert distance(drawn[name], GOLDEN / f"replay_{name}.png") < TOLERANCE
+
+
+@pytest.mark.parametrize("name", ["b6", "compare", "all"])
+def test_its_words_are_those_that_were_read(drawn, name):
+    assert drawn[name].with_suffix(".txt").read_text("utf-8") == (GOLDEN / f"replay_{name}.txt").read_text("utf-8")
 
 
 DOCS = Path(__file__).parent.parent.parent / "docs"

@@ -368,7 +368,10 @@ MISTAKES = [
     (["view", "text.mcap", "--png", "nodir/x.png"], "does not exist"),
     (["view", "fake.rrd", "--png", "x.png"], "fake.rrd: not a rerun recording"),
     (["check", "two_anchor_a", "--png", "x.foo"], "--png: x.foo must end in .png"),
-    (["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"], "of 2 contacts do not fit in memory; at most 50000000:"),
+    (
+        ["simulate", "two_anchor_a", "--rate", "1e9", "--duration", "1e9"],
+        "of 2 contacts do not fit in memory; at most 50000000:",
+    ),
     (["simulate", "two_anchor_a", "--rate", "fast"], "Invalid value for '--rate'"),
     (["simulate"], "Missing argument"),
     (["replay", "parent"], "parent/one/one_0.mcap: not an MCAP file"),
