@@ -384,6 +384,21 @@ MISTAKES = [
     (["nonsense"], "No such command 'nonsense'. The commands are animate, check, compare, demo, "),
     (["bench", "--quick"], "No such command 'bench'. It is now: python -m benchmarks, in a checkout"),
     (["simulat"], "Did you mean 'simulate'?"),
+    (["simulate", "two_anchor_a", "--two-columns"], "--two-columns needs --png: it arranges the panels of that page"),
+    (["replay", "text.mcap", "--two-columns"], "--two-columns needs --png: it arranges the panels of that page"),
+    (["view", "drawn.rrd", "--scene", "idle.yaml", "--png", "x.png"], "drawn.rrd is drawn already; name the recording"),
+    (
+        ["optimise", "two_anchor_a", "--for", "screw", "--target", "0.2;0"],
+        "--target 0.2;0: write DX,DY,DYAW, for example 0.2,0,0.1",
+    ),
+    (
+        ["sweep", "two_anchor_a", "--vary", "body.links.stiffness=1:2:3", "--scheduler", "here", "--out", "x.parquet"],
+        "'here'; write tcp://host:",
+    ),
+    (
+        ["identify", "text.mcap", "--scene", "two_anchor_a", "--fit", "friction", "--topic", "pose=x"],
+        "--topic pose=x: write NAME=RECORDED with NAME one of",
+    ),
     (["simulate", "nonsense"], "nonsense: no such file, nor a scene of the gallery; there are "),
 ]
 
@@ -398,6 +413,7 @@ def test_a_mistake_is_one_clear_line(arguments, said, tmp_path):
         "{name: i, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}"
     )
     (tmp_path / "text.mcap").write_text("hello")
+    (tmp_path / "drawn.rrd").write_bytes(b"RRF2")
     (tmp_path / "fake.rrd").write_text("hello")
     (tmp_path / "parent" / "one").mkdir(parents=True)
     (tmp_path / "parent" / "one" / "one_0.mcap").write_text("hello")

@@ -1,0 +1,114 @@
+"""Mistakes that the functions of the packages refuse, with what would be right, besides those of scenes and commands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_model import (
+    CommandError,
+    Crawler,
+    CrawlerError,
+    Posterior,
+    Scene,
+    SceneError,
+    excite,
+    identify,
+    limit_cycle,
+    optimise,
+    pareto,
+    sensitivities,
+    vary,
+)
+from crawler_model.identify.measurements import MeasurementError, Measurements
+from crawler_model.theory.stasis import StasisDomain, stasis_polygon
+from crawler_play.session import Session
+
+PAIR = {"name": "pair", "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}, "friction": {"isotropic": 1.0}}
+DRIVE = {"drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [1], [0]]}}
+PATCHED = DRIVE | {"ground": {"patches": [{"from": 2, "to": 3, "friction": 2}]}}
+FLAT = {"dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}}
+ONES = np.ones(4)
+
+
+def pair(**more) -> Scene:
+    return Scene.model_validate(PAIR | more)
+
+
+def gap() -> Measurements:
+    time, commands = 0.1 * np.arange(10), np.zeros((10, 1))
+    commands[4] = np.nan
+    places = np.column_stack((0.0 * time, 1.0 + 0.0 * time))
+    return Measurements("a", time, ("contact_0", "contact_1"), places, ("link_0",), commands, time)
+
+
+def environments(**more):
+    pytest.importorskip("gymnasium")
+    from crawler_gym.vector import CrawlerVectorEnv
+
+    return CrawlerVectorEnv(2, pair(), **more)
+
+
+REFUSED = [
+    (lambda: pair(name="a\nb"), SceneError, "contains control characters; they must not get into terminals"),
+    (lambda: pair(friction=None), SceneError, "friction: "),
+    (lambda: pair(body=PAIR["body"] | {"links": {"passive": {}}}), SceneError, "give `stiffness`, `curve` or `stops`"),
+    (
+        lambda: pair(body=PAIR["body"] | {"links": [{"tension": {"most": 1}}]}),
+        SceneError,
+        "stiffness: missing; or give a `curve`, or a `passive` spring alone",
+    ),
+    (lambda: pair(**FLAT, loads=1.5), SceneError, "loads: 1.5; in the plane give [x, y] for all of 2 contact(s)"),
+    (lambda: pair(**FLAT, loads=[[1, 0]] * 3), SceneError, "loads: 3 entries; in the plane give [x, y] for all of 2"),
+    (
+        lambda: Crawler(pair(**FLAT | {"friction": {"directions": [0, 2, 4], "value": 1}})).target(
+            [[0, 0]], [[1, 1, -1], [1, 1, 1]]
+        ),
+        CommandError,
+        "forward: contact_0/direction_2 is -1; friction must be >= 0",
+    ),
+    (lambda: StasisDomain(ONES, ONES).vertices(), ValueError, "4 contacts: the domain has dimension 3; vertices are"),
+    (lambda: stasis_polygon(ONES, ONES), ValueError, "shapes (4,) and (4,); a polygon needs three contacts"),
+    (lambda: limit_cycle(pair(**PATCHED)), CommandError, "on ground.patches periods differ from place to place"),
+    (
+        lambda: sensitivities(pair(**PATCHED), ["friction.isotropic"]),
+        SceneError,
+        "pair has ground.patches; derivatives",
+    ),
+    (lambda: sensitivities(pair(**DRIVE), [3]), SceneError, "sensitivities: 3; a key is a string, for example"),
+    (
+        lambda: vary(pair(), {"friction.isotropic": [1.0] * 10_000, "body.links.stiffness": [1.0] * 1001}, grid=True),
+        SceneError,
+        "vary: 10000 x 1001 = 10010000 variations; at most 10000000",
+    ),
+    (
+        lambda: excite(pair(**PATCHED), ["friction.isotropic"]),
+        CrawlerError,
+        "pair has ground.patches, where paths have",
+    ),
+    (
+        lambda: identify(pair(), [gap()], ["friction.isotropic"]),
+        MeasurementError,
+        "command/link_0 is nan in row 4 (time 0.4",
+    ),
+    (lambda: Posterior(("a", "b"), [1, 2], np.eye(2), held={"a": 1.0}), CrawlerError, "names: a is named twice; each"),
+    (lambda: pareto(pair(**DRIVE), waypoint=3), TypeError, "pareto: unknown argument waypoint"),
+    (
+        lambda: optimise(pair(**DRIVE), robust={f"k{i}": (0.0, 1.0) for i in range(6)}),
+        CommandError,
+        "robust: 6 keys; at most 5, as every corner of their box is run",
+    ),
+    (
+        lambda: Session(pair()).change({"mode": "scene"}),
+        CommandError,
+        "mode: scene; pair has no drive, use hand or wave",
+    ),
+    (lambda: environments().step(np.zeros((2, 1))), CrawlerError, "step: no episode has begun; call reset first"),
+]
+
+
+@pytest.mark.parametrize(("call", "kind", "message"), REFUSED, ids=[message for *_, message in REFUSED])
+def test_a_mistake_is_refused_in_words_that_say_what_is_right(call, kind, message):
+    with pytest.raises(kind) as error:
+        call()
+    assert message in str(error.value)
