@@ -216,7 +216,10 @@ def main() -> None:
         copies = [Path(folder) / f"copy_{k}" for k in range(given.at_once)]
         for place in copies:
             shutil.copytree(clean, place)
-            with (place / "crawler_model" / "compiled.py").open("a") as file:
+            cache = next(
+                p for p in (place / "crawler_model").glob("*.py") if "def _hash_files(" in p.read_text("utf-8")
+            )
+            with cache.open("a") as file:
                 file.write(SAME_KERNELS.format(copy=str(place), clean=str(clean)))
 
         def one(number: int) -> None:
