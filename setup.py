@@ -20,6 +20,7 @@ setup(
     packages=find_packages(include=["crawler_*", "msgs_config"]),
     package_data={
         "crawler_model": ["py.typed"],
+        "crawler_lab": ["py.typed"],
         "crawler_pictures.film": ["player.html"],
         "crawler_play": ["page/*", "lessons/*"],
         "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"],

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Measurements, Scene, Trajectory, identify, simulate
-from crawler_model.identify.replica.replica import Replica
-from crawler_model.identify.sensor.sensor import PERFECT
+from crawler_lab import Measurements, identify
+from crawler_lab.identify.replica.replica import Replica
+from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_model import Scene, Trajectory, simulate
 
 from .coverage import QUICK_ROBOTS, ROBOTS, measure_coverage
 from .entrants.mujoco import Tuning, build_document

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from crawler_gym import CrawlerEnv, CrawlerVectorEnv
-from crawler_model import Scene, load_scene, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import Scene, load_scene
 
 VARIATIONS, QUICK = 20_000, 2_000
 """Variations of a body of two contacts; larger bodies get fewer. As many steps of all environments are one round."""

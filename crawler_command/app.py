@@ -160,8 +160,8 @@ def sweep(
     translation is unique; an invalid variation is reported with its reason. After Ctrl-C the table holds the finished
     runs.
     """
+    from crawler_lab.sweep.many import Settings
     from crawler_model import load_scene
-    from crawler_model.sweep.many import Settings
 
     drawn = png is not None or len(vary) <= 2
     require("pyarrow", *(["matplotlib"] if drawn else []), *(["distributed"] if scheduler is not None else []))

@@ -30,7 +30,8 @@ from .screen import (
 )
 
 if TYPE_CHECKING:
-    from crawler_model import Front, Optimum, Scene
+    from crawler_lab import Front, Optimum
+    from crawler_model import Scene
 
 _SEARCHED = 0.85  # part of the time that is left to search and examination where a picture follows
 _TOO_LONG = 10.0  # lengths of the body
@@ -188,7 +189,8 @@ def optimise_command(
         "periods": periods,
     }
     motion = None if target is None else _parse_target(target)
-    from crawler_model import Front, load_scene, optimise, pareto, prepare, read_posterior
+    from crawler_lab import Front, optimise, pareto, read_posterior
+    from crawler_model import load_scene, prepare
 
     loaded = load_scene(scene)
     if robust_to is not None:
@@ -246,7 +248,7 @@ def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises:
 
 def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None]) -> None:
     """Print the result, and a line about each file that was written."""
-    from crawler_model import Front
+    from crawler_lab import Front
 
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
@@ -258,7 +260,7 @@ def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None
 
 def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     """Write the scene and the picture that were asked for."""
-    from crawler_model import Front
+    from crawler_lab import Front
 
     if not isinstance(found, Front) and out is not None:
         write_scene(found.scene, out)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from crawler_model import Front, Optimum, Scene
-    from crawler_model.optimise.optimum import Weakness
+    from crawler_lab import Front, Optimum
+    from crawler_lab.optimise.optimum import Weakness
+    from crawler_model import Scene
 
 _SHOWN_ROWS = 12
 _NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
@@ -88,7 +89,7 @@ def describe_optimum(found: Optimum) -> list[str]:
 
 
 def _describe_end(found: Optimum) -> str:
-    from crawler_model.optimise.search import MOST_EVALUATIONS
+    from crawler_lab.optimise.search import MOST_EVALUATIONS
 
     if found.complete and found.evaluations >= MOST_EVALUATIONS:
         return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
@@ -101,7 +102,7 @@ def _number(value: float, digits: int = 6) -> str:
 
 
 def _describe_numbers(found: Optimum) -> str:
-    from crawler_model.optimise.goal import LEAST_GAIN
+    from crawler_lab.optimise.goal import LEAST_GAIN
 
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from crawler_lab.sweep.workers import available_cores
 from crawler_model import CommandError, Crawler, Scene
 from crawler_model.body.plan import Plan
 from crawler_model.crawler.crawler import default_budget
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns
-from crawler_model.sweep.workers import available_cores
 from crawler_ros.wire.states import find_command, shown_contacts
 
 from .kernel import lane, plan

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from crawler_lab.sweep.keys import with_loads
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
-from crawler_model.sweep.keys import with_loads
 from crawler_ros.wire.states import shown_contacts
 
 from .actions import Actions, build_actions

@@ -12,9 +12,9 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from crawler_lab.optimise.request import find_planar_strokes
 from crawler_model import CommandError, Crawler, CrawlerError, Scene
 from crawler_model.body.names import name_joints
-from crawler_model.optimise.request import find_planar_strokes
 from crawler_model.run.screw import largest_distance, to_frame
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from crawler_model import Forecast
+from crawler_lab import Forecast
 
 from .colors import LINES
 from .numbers import shorten

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from crawler_model import Identification
-from crawler_model.identify.fit.misfit import Misfit, find_period
-from crawler_model.identify.measurements import Measurements
-from crawler_model.identify.sensor.noise import find_spikes
+from crawler_lab import Identification
+from crawler_lab.identify.fit.misfit import Misfit, find_period
+from crawler_lab.identify.measurements import Measurements
+from crawler_lab.identify.sensor.noise import find_spikes
 
 from .colors import LINES, TEXT
 from .numbers import shorten

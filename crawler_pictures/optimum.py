@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import Front, Optimum, simulate
-from crawler_model.optimise.landscape import map_plane, profile
+from crawler_lab import Front, Optimum
+from crawler_lab.optimise.landscape import map_plane, profile
+from crawler_model import simulate
 
 from .colors import GREY, LINES, STICK, TENSION
 from .numbers import label_values, shorten

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import CrawlerError, ManyRuns, Variations
-from crawler_model.sweep.results import UNITS
+from crawler_lab import ManyRuns, Variations
+from crawler_lab.sweep.results import UNITS
+from crawler_model import CrawlerError
 
 from .colors import ACTUATION, TENSION
 from .numbers import shorten

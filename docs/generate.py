@@ -15,6 +15,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import yaml
 from typer.models import ArgumentInfo
 
+import crawler_lab
 import crawler_model
 import crawler_ros.replay
 from crawler_command.app import app
@@ -100,9 +101,9 @@ time on the clock, in every verb.
 """
 _PYTHON = """# Python
 
-The public names of `crawler_model` and `crawler_ros.replay`. The docstring of each name, in the file to which it is
-linked, describes arguments, shapes, units, errors and the source; the site that `make docs` builds shows the docstrings
-below. Arrays are float64 and read-only; units are SI throughout.
+The public names of `crawler_model`, `crawler_lab` and `crawler_ros.replay`. The docstring of each name, in the file to
+which it is linked, describes arguments, shapes, units, errors and the source; the site that `make docs` builds shows
+the docstrings below. Arrays are float64 and read-only; units are SI throughout.
 
 """
 
@@ -304,9 +305,9 @@ def _options(verb: Callable[..., None]) -> Iterator[tuple[str, str, str, str]]:
 
 
 def python() -> str:
-    """Write the public names of two packages; docs/mkdocs_hook.py uses the link titles and the comments."""
+    """Write the public names of three packages; docs/mkdocs_hook.py uses the link titles and the comments."""
     text = _PYTHON
-    for package in (crawler_model, crawler_ros.replay):
+    for package in (crawler_model, crawler_lab, crawler_ros.replay):
         rows = []
         modules = {name: getattr(package, name).__module__ for name in package.__all__}
         for name, module in modules.items():

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import ManyRuns, Scene, largest_tow, load_scene, simulate, simulate_many, steepest_climb, vary
+from crawler_lab import ManyRuns, simulate_many, vary
+from crawler_model import Scene, largest_tow, load_scene, simulate, steepest_climb
 from crawler_pictures.ground import draw_jumps, list_sections
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import load_scene, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import load_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import ManyRuns, Scene, simulate_many, vary
+from crawler_lab import ManyRuns, simulate_many, vary
+from crawler_model import Scene
 from crawler_model.body.drive import strategy_waypoints
 
 PICTURE = Path(__file__).parent / "pictures" / "gallery" / "phase_diagram.png"

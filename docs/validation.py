@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from crawler_model import Scene, Trajectory, load_scene, simulate, simulate_many, steepest_climb, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import Scene, Trajectory, load_scene, simulate, steepest_climb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

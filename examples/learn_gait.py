@@ -13,7 +13,8 @@ import gymnasium
 import numpy as np
 
 import crawler_gym  # noqa: F401  registers Crawler-v0
-from crawler_model import load_scene, optimise
+from crawler_lab import optimise
+from crawler_model import load_scene
 
 STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5
 SCENE, EPISODE, PERIOD, POPULATION, SPREAD, SEED = "three_contacts_one_way", 200, 1.0, 32, 2.0, 1

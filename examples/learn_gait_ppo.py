@@ -15,7 +15,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import crawler_gym  # noqa: F401  registers Crawler-v0
-from crawler_model import load_scene, optimise
+from crawler_lab import optimise
+from crawler_model import load_scene
 
 STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5
 SCENE, EPISODE, PERIOD, SEED, ROUNDS = "three_contacts_one_way", 200, 1.0, 1, 8

@@ -8,7 +8,8 @@ both are equal it does not move, and the run reports that its translation is not
 
 import numpy as np
 
-from crawler_model import load_scene, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import load_scene
 
 scene = load_scene("two_contacts_anisotropic")  # strokes of 0.1 m, stiffness 20 N/m
 friction = np.linspace(0.05, 0.75, 57)  # N

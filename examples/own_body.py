@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from crawler_model import Scene, simulate, simulate_many
+from crawler_lab import simulate_many
+from crawler_model import Scene, simulate
 from crawler_model.theory.stasis import StasisDomain
 
 BODY = """

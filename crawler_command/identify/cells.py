@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from crawler_lab.identify.measurements import MeasurementError
 from crawler_model.errors import LARGEST
-from crawler_model.identify.measurements import MeasurementError
 from crawler_model.scene.text import decode_text
 
 PARQUET = ".parquet"

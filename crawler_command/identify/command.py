@@ -25,7 +25,8 @@ from ..screen import (
 from .options import SI, parse_columns, parse_sensor, parse_units
 
 if TYPE_CHECKING:
-    from crawler_model import Identification, Measurements, Scene
+    from crawler_lab import Identification, Measurements
+    from crawler_model import Scene
 
 _TABLES = (".csv", ".tsv", ".txt", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -104,7 +105,8 @@ def identify_command(
     The exit status is 1 if they are larger than noise. Ctrl-C ends the search for other starts and keeps the best so
     far.
     """
-    from crawler_model import identify, load_scene
+    from crawler_lab import identify
+    from crawler_model import load_scene
 
     _check_files(recordings, out, png, html, force)
     if offset not in (None, "none", "frame", "each"):
@@ -202,14 +204,14 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mappin
         from .tables import read_table
 
         return [read_table(path, scene, **described)]
-    from crawler_ros.recording.measurements import read_bag
+    from crawler_lab.identify.recorded import read_bag
 
     return read_bag(path, scene, topics)
 
 
 def _note_bounds(found: Identification) -> list[str]:
     """Mark the numbers that the measurements only bound."""
-    from crawler_model.identify.forecast.posterior import ENDED
+    from crawler_lab.identify.forecast.posterior import ENDED
 
     bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and ENDED not in p.why]
     return ["Values clear of their bounds, as the measurements only bound these numbers:", *bounded] if bounded else []

@@ -53,7 +53,8 @@ def excite_command(
 
     The numbers of the scene are a guess. Positions of all contacts are measured. Ctrl-C keeps the drive so far.
     """
-    from crawler_model import excite, load_scene
+    from crawler_lab import excite
+    from crawler_model import load_scene
 
     from .report import print_parameters
 

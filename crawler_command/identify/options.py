@@ -7,7 +7,8 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from crawler_model import CrawlerError, Prior, Sensor
+from crawler_lab import Prior, Sensor
+from crawler_model import CrawlerError
 
 _UNITS = {"length": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6}, "time": {"s": 1.0, "ms": 1e3, "us": 1e6}}
 """Units of a table, by kind, and how many of them are one SI unit."""

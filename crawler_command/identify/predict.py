@@ -12,7 +12,7 @@ from rich.table import Table
 from ..screen import ForceOption, SceneArgument, check_output, screen, whole_file
 
 if TYPE_CHECKING:
-    from crawler_model import Forecast
+    from crawler_lab import Forecast
 
 
 def predict_command(
@@ -40,7 +40,8 @@ def predict_command(
     on a parameter that is only bounded, the band covers all values that the bound allows, and a line names it. Where it
     depends on one that the record did not excite, there is no prediction.
     """
-    from crawler_model import load_scene, predict
+    from crawler_lab import predict
+    from crawler_model import load_scene
 
     check_output("--png", png, ".png", force)
     found = predict(load_scene(scene), fit, drive, periods, rate)

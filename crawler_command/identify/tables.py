@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from crawler_model import Measurements
-from crawler_model.identify.measurements import MeasurementError, channel_names, check_times
+from crawler_lab import Measurements
+from crawler_lab.identify.measurements import MeasurementError, channel_names, check_times
 from crawler_model.scene.scene import Scene
 
 from .cells import MOST_NAMED, Table, open_table, read_numbers

@@ -15,11 +15,12 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from crawler_model import CrawlerError, ManyRuns, Scene, Variations, simulate_many, vary
-from crawler_model.sweep.many import Settings, run_chunk
-from crawler_model.sweep.results import COLUMNS, gather
-from crawler_model.sweep.rows import ROW, SCREW
-from crawler_model.sweep.vary import MOST_VARIATIONS
+from crawler_lab import ManyRuns, Variations, simulate_many, vary
+from crawler_lab.sweep.many import Settings, run_chunk
+from crawler_lab.sweep.results import COLUMNS, gather
+from crawler_lab.sweep.rows import ROW, SCREW
+from crawler_lab.sweep.vary import MOST_VARIATIONS
+from crawler_model import CrawlerError, Scene
 from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.attachments import installed_version
 

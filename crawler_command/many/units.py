@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
 from crawler_model import Scene
-from crawler_model.sweep.keys import key_steps
 
 _UNITS = {
     "forward": "N",
@@ -50,7 +51,7 @@ def unit_of(scene: Scene, key: str) -> str:
     Returns:
         The unit; "1" for a number without one.
     """
-    named = key_steps(key)
+    named = re.split(r"[.\[\]]+", key.removesuffix("]"))
     steps = [step for step in named if not step.isdecimal()]
     if "coefficient" in steps:
         return "1"

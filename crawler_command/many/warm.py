@@ -69,7 +69,8 @@ def compile_long() -> None:
 
 def compile_derivatives() -> None:
     """Compile the kernels of derivatives, which `optimise` and `identify` use."""
-    from crawler_model import load_scene, sensitivities
+    from crawler_lab import sensitivities
+    from crawler_model import load_scene
 
     for name in ("two_contacts_anisotropic", "tendon_worm"):
         sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
@@ -78,7 +79,8 @@ def compile_derivatives() -> None:
 
 def compile_batches() -> None:
     """Compile the kernels of many runs at once, which `sweep` and `optimise` use."""
-    from crawler_model import load_scene, simulate_many
+    from crawler_lab import simulate_many
+    from crawler_model import load_scene
 
     for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
         simulate_many([load_scene(name)] * 2, 0.05)
@@ -120,7 +122,7 @@ JOBS = (
 """What one process compiles, in this order; what a kind shares with one before it is loaded."""
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 0.25),
-    ("crawler_model.derivative", 0.5),
+    ("crawler_lab.derivative", 0.5),
     ("crawler_gym", 0.5),
     ("crawler_", 0.12),
 )
@@ -138,8 +140,8 @@ def warm(
     Otherwise the first use of each kind compiles its own. The kernels are kept in ~/.cache/crawler until the model's
     code changes; what is there already is only loaded.
     """
+    from crawler_lab.sweep.workers import available_cores
     from crawler_model.kernel_cache import folder_of_kernels
-    from crawler_model.sweep.workers import available_cores
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
     names = ", ".join(kind.value for job in jobs for kind in job)

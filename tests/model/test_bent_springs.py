@@ -14,12 +14,12 @@ import scipy.sparse as sp
 
 from crawler_command.check import choose_rate, print_report
 from crawler_command.screen import Screen
+from crawler_lab.sweep.many import simulate_many
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
 from crawler_model.run.simulate import simulate
 from crawler_model.scene.file import load_scene, parse_scene
 from crawler_model.scene.scene import Scene
-from crawler_model.sweep.many import simulate_many
 
 from .bent_bodies import draw_body
 from .rational_bends import NotUniqueError

@@ -74,7 +74,8 @@ def test_a_kernel_is_compiled_once_for_all_constants():
 
 MEMORY = """
 from numba.core.runtime import rtsys
-from crawler_model import Crawler, load_scene, sensitivities
+from crawler_lab import sensitivities
+from crawler_model import Crawler, load_scene
 
 def work():
     for name in ("two_anchor_a", "planar_rectilinear", "steering_inchworm"):

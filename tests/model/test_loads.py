@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, Scene, SceneError, simulate, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
 from crawler_model.theory.regularity import check_regularity
 
 METHODS = ("exact", "catch_up")

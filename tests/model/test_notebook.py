@@ -7,7 +7,8 @@ import html.parser
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, limit_cycle, load_scene, sensitivities, simulate, simulate_many
+from crawler_lab import sensitivities, simulate_many
+from crawler_model import Crawler, Scene, limit_cycle, load_scene, simulate
 from crawler_model.notebook import write_html, write_numbers
 from crawler_model.theory.stasis import StasisDomain
 

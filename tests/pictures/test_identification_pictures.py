@@ -10,8 +10,9 @@ import pytest
 pytest.importorskip("matplotlib")
 from PIL import Image
 
-from crawler_model import Identification, Scene, identify, simulate
-from crawler_model.identify.measurements import Measurements
+from crawler_lab import Identification, identify
+from crawler_lab.identify.measurements import Measurements
+from crawler_model import Scene, simulate
 from crawler_pictures.identification import draw_identification, plot_identification
 
 NOISE = 2e-4

@@ -12,7 +12,8 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("cma")
 from matplotlib.figure import Figure
 
-from crawler_model import Optimum, Scene, load_scene, optimise
+from crawler_lab import Optimum, optimise
+from crawler_model import Scene, load_scene
 from crawler_pictures.colors import LINES
 from crawler_pictures.optimum import draw_optimum
 from crawler_pictures.run.kymograph import place_legend

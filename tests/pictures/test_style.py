@@ -17,7 +17,8 @@ import matplotlib
 from matplotlib import style
 from PIL import Image
 
-from crawler_model import load_scene, simulate, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import load_scene, simulate
 from crawler_pictures.domain import draw_domain
 from crawler_pictures.film.film import film_of_run
 from crawler_pictures.film.stage import Stage

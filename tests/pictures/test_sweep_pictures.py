@@ -12,7 +12,8 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 from PIL import Image
 
-from crawler_model import CrawlerError, load_scene, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import CrawlerError, load_scene
 from crawler_pictures.sweep import draw_sweep, find_gaps, find_jumps, shown_column
 
 UNITS = {"drive.wave.wavelength": "m", "drive.wave.amplitude": "m"}

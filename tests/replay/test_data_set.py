@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from crawler_model import load_scene, vary
+from crawler_lab import vary
+from crawler_model import load_scene
 
 from ..commands import crawler
 from ..processes import PATIENCE_S, children, wait_until

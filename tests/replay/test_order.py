@@ -103,7 +103,7 @@ def test_all_readers_read_in_the_order_of_reception(tmp_path, recorded, where):
             (both,) = compare_all([one, path], None, None, lambda part: None)
             found.append(json.dumps(both.as_plain()).replace(str(path), "").replace(str(one), ""))
         elif where == "measurements":
-            from crawler_ros.recording.measurements import read_bag
+            from crawler_lab.identify.recorded import read_bag
 
             runs = read_bag(path, load_scene("three_contacts_one_way"), {})
             found.append([(m.time.tolist(), m.values.tolist(), m.commands.tolist()) for m in runs])

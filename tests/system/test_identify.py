@@ -19,8 +19,9 @@ from crawler_command.identify.options import parse_columns, parse_units
 from crawler_command.identify.report import print_identification
 from crawler_command.identify.tables import read_table
 from crawler_command.screen import Screen
-from crawler_model import Measurements, Scene, identify, load_scene, simulate
-from crawler_model.identify.measurements import MeasurementError, channel_names, check_measurements
+from crawler_lab import Measurements, identify
+from crawler_lab.identify.measurements import MeasurementError, channel_names, check_measurements
+from crawler_model import Scene, load_scene, simulate
 
 from .. import recordings
 from ..model.identify.synthetic import chain, measure, scaled, walk

@@ -15,9 +15,9 @@ import pytest
 
 from crawler_command.app import main
 from crawler_command.screen import parse_bounds
+from crawler_lab.optimise.search import Found
+from crawler_lab.optimise.space import Space
 from crawler_model import CrawlerError, limit_cycle, load_scene
-from crawler_model.optimise.search import Found
-from crawler_model.optimise.space import Space
 
 pytest.importorskip("cma")
 
@@ -89,7 +89,7 @@ def test_the_bar_tells_when_the_gait_is_examined(scene, capsys, monkeypatch):
 def test_gaits_of_the_first_round_are_kept_and_counted(scene, capsys, monkeypatch, ending):
     """In the plane each gait takes so long that the search often ends in the first round."""
     run_alone, scores, searched = Space.scores, [], []
-    verb = importlib.import_module("crawler_model.optimise.optimise")
+    verb = importlib.import_module("crawler_lab.optimise.optimise")
     check = verb.check_found
 
     def count(space: Space, points: Sequence[np.ndarray]) -> list[float]:
@@ -103,7 +103,7 @@ def test_gaits_of_the_first_round_are_kept_and_counted(scene, capsys, monkeypatc
         searched.extend(scores)
         check(space, found)
 
-    monkeypatch.setattr(importlib.import_module("crawler_model.optimise.space"), "available_cores", lambda: 2)
+    monkeypatch.setattr(importlib.import_module("crawler_lab.optimise.space"), "available_cores", lambda: 2)
     monkeypatch.setattr(Space, "scores", count)
     monkeypatch.setattr(verb, "check_found", check_found)
     limit = {"ctrl_c": [], "seconds": ["--seconds", "0.5"]}.get(ending, ["--seconds", "100"])

@@ -60,7 +60,7 @@ def test_the_version_and_the_licence_are_the_same_everywhere(project, setup):
 def test_every_package_of_the_tree_is_installed(project, setup):
     roots = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     found = {f.parent.relative_to(ROOT) for root in ROOT.glob("[a-z]*/__init__.py") for f in root.parent.rglob("*.py")}
-    found = {".".join(folder.parts) for folder in found if folder.parts[0] != "tests"}
+    found = {".".join(folder.parts) for folder in found if folder.parts[0] not in ("benchmarks", "tests")}
     assert {name for name in found if "." not in name} == set(roots)
     assert sorted(setup.packages) == sorted(found)
     assert all((ROOT / name.replace(".", "/") / "__init__.py").is_file() for name in found)

@@ -14,23 +14,10 @@ pytest.importorskip("gymnasium")
 import gymnasium
 
 import crawler_gym  # noqa: F401
-from crawler_model import (
-    CrawlerError,
-    Measurements,
-    Scene,
-    excite,
-    identify,
-    largest_tow,
-    limit_cycle,
-    load_scene,
-    optimise,
-    predict,
-    sensitivities,
-    simulate,
-    steepest_climb,
-)
-from crawler_model.identify.measurements import channel_names
-from crawler_model.identify.sensor.sensor import PERFECT
+from crawler_lab import Measurements, excite, identify, optimise, predict, sensitivities
+from crawler_lab.identify.measurements import channel_names
+from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_model import CrawlerError, Scene, largest_tow, limit_cycle, load_scene, simulate, steepest_climb
 
 from ..pages import ROOT
 

@@ -25,6 +25,7 @@ from pydantic import BaseModel
 
 import crawler_command
 import crawler_gym
+import crawler_lab
 import crawler_model
 import crawler_pictures
 import crawler_play
@@ -35,6 +36,7 @@ from crawler_model import kernel_cache
 ROOT = Path(crawler_model.__file__).parent.parent
 PACKAGES = (
     "crawler_model",
+    "crawler_lab",
     "crawler_pictures",
     "crawler_ros",
     "crawler_gym",
@@ -189,13 +191,14 @@ def public_things(package: ModuleType) -> Iterator[tuple[str, Any]]:
 _WRAPPED = (property, functools.cached_property, staticmethod, classmethod)
 EVERYTHING = (
     crawler_model,
+    crawler_lab,
     crawler_pictures,
     crawler_ros,
     crawler_gym,
     crawler_play,
     crawler_command,
 )
-INTERFACE = (crawler_model, crawler_ros.replay)
+INTERFACE = (crawler_model, crawler_lab, crawler_ros.replay)
 """What others call: the model, and what reads recordings."""
 
 

@@ -17,7 +17,8 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from PIL import Image
 
-from crawler_model import Crawler, Scene, load_scene, simulate, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.theory.stasis import StasisDomain, spring_force
 from crawler_pictures.body import draw_body
 from crawler_pictures.colors import FORWARD

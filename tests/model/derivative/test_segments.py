@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, load_scene, sensitivities, simulate, vary
+from crawler_lab import sensitivities, vary
+from crawler_model import Scene, load_scene, simulate
 
 from ..segments import segment, unequal
 

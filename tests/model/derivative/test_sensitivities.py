@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, SceneError, Sensitivities, load_scene, sensitivities, simulate, vary
-from crawler_model.derivative import parameters
+from crawler_lab import Sensitivities, sensitivities, vary
+from crawler_lab.derivative import parameters
+from crawler_model import CommandError, Scene, SceneError, load_scene, simulate
 
 from ..motion.test_turning import build, wriggle
 from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_bent, draw_segment

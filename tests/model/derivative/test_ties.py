@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, sensitivities, simulate
-from crawler_model.sweep.vary import Variations
+from crawler_lab import sensitivities
+from crawler_lab.sweep.vary import Variations
+from crawler_model import Scene, simulate
 
 STEP, APART = 1e-6, 1e-3
 KEYS = ("friction.forward", "friction.backward", "body.links.stiffness", "drive.actuation")

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Measurements, Scene, identify, simulate
+from crawler_lab import Measurements, identify
+from crawler_model import Scene, simulate
 
 _RATE, _PERIOD, _CYCLES, _WAYPOINTS = 50.0, 2.0, 8, 8
 _SPACING, _STIFFNESS, _STROKE = 0.1, 20.0, 0.05

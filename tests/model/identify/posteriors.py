@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model import Posterior, Scene
+from crawler_lab import Posterior
+from crawler_model import Scene
 
 FORWARD, BACKWARD = (0.2, 0.23, 0.26), (0.6, 0.65, 0.7)
 PERIODIC: dict[str, Any] = {

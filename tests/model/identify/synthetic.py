@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from crawler_lab.identify.measurements import Measurements
 from crawler_model import Scene, simulate
-from crawler_model.identify.measurements import Measurements
 
 RATE = 50.0
 

@@ -10,8 +10,9 @@ import yaml
 
 from crawler_command.identify.command import _note_bounds
 from crawler_command.screen import write_scene
-from crawler_model import Scene, identify, load_scene, simulate
-from crawler_model.identify.forecast.predict import predict
+from crawler_lab import identify
+from crawler_lab.identify.forecast.predict import predict
+from crawler_model import Scene, load_scene, simulate
 from crawler_model.theory.uniqueness import uniqueness_margin
 
 from .synthetic import RATE, chain, measure, walk

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Identification, Measurements, Scene, excite, identify, simulate
-from crawler_model.identify.fit.fit import Fit, fit_from
-from crawler_model.identify.fit.misfit import measure_misfit
-from crawler_model.identify.fit.problem import Problem
-from crawler_model.identify.fit.space import build_space
-from crawler_model.identify.judge.verdicts import find_structure
-from crawler_model.identify.replica.replica import Replica
-from crawler_model.identify.sensor.sensor import PERFECT
+from crawler_lab import Identification, Measurements, excite, identify
+from crawler_lab.identify.fit.fit import Fit, fit_from
+from crawler_lab.identify.fit.misfit import measure_misfit
+from crawler_lab.identify.fit.problem import Problem
+from crawler_lab.identify.fit.space import build_space
+from crawler_lab.identify.judge.verdicts import find_structure
+from crawler_lab.identify.replica.replica import Replica
+from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_model import CrawlerError, Scene, simulate
 
 from .synthetic import chain, measure, scaled, walk
 

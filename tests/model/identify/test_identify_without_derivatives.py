@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Measurements, Scene, identify, load_scene, simulate
-from crawler_model.identify.measurements import MeasurementError, channel_names
-from crawler_model.identify.sensor.sensor import PERFECT
+from crawler_lab import Measurements, identify
+from crawler_lab.identify.measurements import MeasurementError, channel_names
+from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_model import Scene, load_scene, simulate
 
 NOISE = 2e-4
 

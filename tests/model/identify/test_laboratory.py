@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Identification, Measurements, Prior, Scene, Sensor, identify, simulate
+from crawler_lab import Identification, Measurements, Prior, Sensor, identify
+from crawler_model import CrawlerError, Scene, simulate
 
 from .laboratory import KEYS, build_robot, guess_robot, identify_robot, measure_robot
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import identify
-from crawler_model.identify.fit.problem import Problem
+from crawler_lab import identify
+from crawler_lab.identify.fit.problem import Problem
 
 from .synthetic import chain, measure, scaled, walk
 

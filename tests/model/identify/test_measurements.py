@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from crawler_lab.identify.measurements import MeasurementError, check_measurements
 from crawler_model import Scene
-from crawler_model.identify.measurements import MeasurementError, check_measurements
 
 from .synthetic import chain, measure, walk
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg.lapack
 
-from crawler_model.identify.sensor.noise import (
+from crawler_lab.identify.sensor.noise import (
     Noise,
     build_whitening,
     estimate_noise,

@@ -9,20 +9,11 @@ import json
 import numpy as np
 import pytest
 
-from crawler_model import (
-    CrawlerError,
-    Posterior,
-    Scene,
-    identify,
-    limit_cycle,
-    load_scene,
-    predict,
-    read_posterior,
-    simulate,
-)
-from crawler_model.identify.replica.playback import scale_drive
-from crawler_model.identify.sensor.sensor import Prior, Sensor
-from crawler_model.sweep.vary import Variations
+from crawler_lab import Posterior, identify, predict, read_posterior
+from crawler_lab.identify.replica.playback import scale_drive
+from crawler_lab.identify.sensor.sensor import Prior, Sensor
+from crawler_lab.sweep.vary import Variations
+from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 from .posteriors import BACKWARD, FORWARD, NAMES, PERIODIC, posterior, printed, robot
 from .synthetic import chain, measure, scaled, walk

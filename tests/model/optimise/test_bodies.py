@@ -7,10 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, optimise
-from crawler_model.optimise.bodies import _SEED, spread_over
-from crawler_model.optimise.optimise import build_space
-from crawler_model.optimise.request import Request
+from crawler_lab import Posterior, optimise
+from crawler_lab.optimise.bodies import _SEED, spread_over
+from crawler_lab.optimise.optimise import build_space
+from crawler_lab.optimise.request import Request
+from crawler_model import CrawlerError, Scene, limit_cycle
 
 from ..identify.posteriors import NAMES, posterior, robot
 

@@ -10,8 +10,9 @@ import pytest
 
 pytest.importorskip("cma")
 
-from crawler_model import CrawlerError, Scene, load_scene, optimise, pareto, simulate
-from crawler_model.optimise.space import Evaluator
+from crawler_lab import optimise, pareto
+from crawler_lab.optimise.space import Evaluator
+from crawler_model import CrawlerError, Scene, load_scene, simulate
 
 STROKE = {"drive.actuation[1][0][0]": (0.0, 0.2)}
 

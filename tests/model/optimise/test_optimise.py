@@ -10,13 +10,14 @@ import sys
 import numpy as np
 import pytest
 
-from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, optimise, pareto, simulate, simulate_many
-from crawler_model.optimise.goal import Goal
-from crawler_model.optimise.limit import TimeLimit
-from crawler_model.optimise.optimise import build_space
-from crawler_model.optimise.request import Request
-from crawler_model.optimise.search import _Search, search
-from crawler_model.optimise.space import Space
+from crawler_lab import optimise, pareto, simulate_many
+from crawler_lab.optimise.goal import Goal
+from crawler_lab.optimise.limit import TimeLimit
+from crawler_lab.optimise.optimise import build_space
+from crawler_lab.optimise.request import Request
+from crawler_lab.optimise.search import _Search, search
+from crawler_lab.optimise.space import Space
+from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 pytest.importorskip("cma")
 
@@ -416,7 +417,7 @@ def test_a_transient_that_dies_out_has_no_cost_of_transport():
 
 def test_with_a_time_limit_the_search_goes_on_until_it_is_over(monkeypatch):
     time = itertools.count()
-    module = importlib.import_module("crawler_model.optimise.search")
+    module = importlib.import_module("crawler_lab.optimise.search")
     monkeypatch.setattr(module, "clock", lambda: float(next(time)))
     monkeypatch.setattr(_Search, "round", lambda self, number, _: rounds.append(number))
     rounds: list[int] = []

@@ -9,8 +9,9 @@ import pytest
 
 pytest.importorskip("cma")
 
-from crawler_model import Scene, SceneError, optimise
-from crawler_model.optimise import examine
+from crawler_lab import optimise
+from crawler_lab.optimise import examine
+from crawler_model import Scene, SceneError
 
 CHAIN = {
     "name": "chain",

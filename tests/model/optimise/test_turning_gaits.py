@@ -7,11 +7,12 @@ import pytest
 
 pytest.importorskip("cma")
 
-from crawler_model import CrawlerError, Posterior, Scene, limit_cycle, load_scene, optimise, pareto, simulate
-from crawler_model.optimise.bodies import _DRAWN, _SEED, spread_over
-from crawler_model.optimise.optimise import build_space
-from crawler_model.optimise.request import Request
-from crawler_model.optimise.search import _STALE_ROUNDS
+from crawler_lab import Posterior, optimise, pareto
+from crawler_lab.optimise.bodies import _DRAWN, _SEED, spread_over
+from crawler_lab.optimise.optimise import build_space
+from crawler_lab.optimise.request import Request
+from crawler_lab.optimise.search import _STALE_ROUNDS
+from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 SCISSORS = load_scene("scissors")
 OPENED = "drive.actuation[1][2]"

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Scene, largest_tow, load_scene, simulate, steepest_climb, vary
+from crawler_lab import vary
+from crawler_model import CommandError, Scene, largest_tow, load_scene, simulate, steepest_climb
 from crawler_model.run.limits import RESOLUTION
 
 STIFFNESS, STROKE = 20.0, 0.1

@@ -6,7 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, load_scene, sensitivities, simulate, simulate_many
+from crawler_lab import sensitivities, simulate_many
+from crawler_model import CommandError, Crawler, load_scene, simulate
 from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_model.run.transport import supporting_force
 

@@ -7,7 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
-from crawler_model import Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import Crawler, Scene, SceneError, gallery, load_scene, parse_scene, simulate
 
 RING = {
     "name": "ring",

@@ -15,20 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import (
-    CommandError,
-    CrawlerError,
-    Scene,
-    SceneError,
-    load_scene,
-    simulate,
-    simulate_many,
-    vary,
-)
+from crawler_lab import simulate_many, vary
+from crawler_lab.sweep import batch, workers
+from crawler_lab.sweep.many import Settings, run_chunk
+from crawler_model import CommandError, CrawlerError, Scene, SceneError, load_scene, simulate
 from crawler_model.run.account import average_displacement
 from crawler_model.run.transport import supporting_force
-from crawler_model.sweep import batch, workers
-from crawler_model.sweep.many import Settings, run_chunk
 from tests.scenes import NOT_TURNING
 
 from ..chains import coarse, scene

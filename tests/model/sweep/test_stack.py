@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import Scene, SceneError, load_scene, vary
+from crawler_lab import vary
+from crawler_lab.sweep import stack as stacks
+from crawler_lab.sweep.stack import Stack, stack
+from crawler_model import Scene, SceneError, load_scene
 from crawler_model.scene.assemble import assemble_together
-from crawler_model.sweep import stack as stacks
-from crawler_model.sweep.stack import Stack, stack
 from tests.scenes import NOT_TURNING
 
 ON_PATCHES = ("friction_step", "hill_top", "ice")

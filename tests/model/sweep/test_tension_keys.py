@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from crawler_command.many.units import unit_of
-from crawler_model import Scene, SceneError, load_scene, sensitivities, simulate, simulate_many, vary
+from crawler_lab import sensitivities, simulate_many, vary
+from crawler_model import Scene, SceneError, load_scene, simulate
 
 
 def chain(links, stroke=2.0):

@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from crawler_model import Scene, SceneError, load_scene, simulate, simulate_many, vary
+from crawler_lab import simulate_many, vary
+from crawler_model import Scene, SceneError, load_scene, simulate
 
 SCISSORS = load_scene("scissors")
 INCHWORM = load_scene("steering_inchworm")

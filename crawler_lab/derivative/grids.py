@@ -1,0 +1,62 @@
+"""Derivatives on other grids: whether the elements of segments resolve those of the continuous body.
+
+The derivatives of a grid are those of a body of springs. They tend to those of the continuous body as the grid gets
+finer, but where waves run along a segment, or other contacts rest with it, they may do so more slowly than the motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from crawler_model.scene.scene import Scene
+
+_COARSER, _FINER = (0.62, 0.79), (2.1, 3.3)
+"""Elements of the other grids, as parts of those of the scene; finer ones if it has few."""
+_FEW = 24
+"""Up to this number of elements in a segment, other grids are finer."""
+RESOLVED = 0.05
+"""Derivatives that differ by a larger part between grids are not those of the continuous body."""
+_SMALL = 0.02
+"""A derivative counts as this part of the travel, while the parameter changes by its own value, if it is smaller."""
+
+
+def other_grids(scene: Scene) -> list[Scene]:
+    """Build a scene with other numbers of elements.
+
+    Args:
+        scene: a scene with segments.
+
+    Returns:
+        The scenes.
+
+    Raises:
+        SceneError: if the start is not valid on such a grid.
+    """
+    counts = [segment.elements for segment in scene.body.segments]
+    scenes = []
+    for part in _FINER if min(counts) <= _FEW else _COARSER:
+        segments = tuple(
+            segment.model_copy(update={"elements": int(np.ceil(part * count))})
+            for segment, count in zip(scene.parts.body.segments, counts, strict=True)
+        )
+        body = scene.parts.body.model_copy(update={"segments": segments})
+        scenes.append(Scene.from_parts(scene.parts.model_copy(update={"body": body})))
+    return scenes
+
+
+def compare_grids(own: np.ndarray, others: list[np.ndarray], travel: float, values: np.ndarray) -> np.ndarray:
+    """Estimate by how much derivatives of the net translation differ from those of the continuous body.
+
+    Args:
+        own: the derivatives, shape (K, P).
+        others: those on other grids.
+        travel: how far the body moves [m].
+        values: of the parameters, shape (P,).
+
+    Returns:
+        The largest differences, as parts of the largest derivative with respect to the same parameter, shape (P,).
+    """
+    size = np.abs(np.stack((own, *others))).max(axis=(0, 1), initial=0.0)
+    least = _SMALL * travel / np.where(values == 0.0, 1.0, np.abs(values))
+    differences = np.abs(np.stack(others) - own).max(axis=(0, 1), initial=0.0)
+    return np.asarray(differences / np.maximum(np.maximum(size, least), np.finfo(np.float64).tiny))

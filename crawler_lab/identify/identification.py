@@ -1,0 +1,129 @@
+"""The result of an identification."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from crawler_model.scene.scene import Scene
+
+from .fit.misfit import Misfit
+from .forecast.posterior import GAIN, Posterior
+from .judge.explain import Explanation
+from .judge.held_out import HeldOut
+from .judge.sensors import SensorNumber
+from .judge.verdicts import Parameter
+from .measurements import Measurements
+from .replica.playback import playback
+
+_OF_SCORE = ("residual", "coverage", "size", "gain_error")
+"""Numbers of a score that are printed."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification:
+    """The result of an identification.
+
+    Attributes:
+        scene: the scene with the values found; parameters that are not determined keep their values.
+        parameters: what is known about each parameter.
+        sensors: what is known about the sensor of each recording.
+        residual: root mean square of the fitted residuals [m].
+        noise: estimated standard deviation of the measurements, of all together [m].
+        held_out: root mean square of the residuals that were not fitted [m]; None if nothing was held out.
+        score: how well the rows that were not fitted are predicted; None if nothing was held out.
+        model_fits: whether all residuals are about as large as the noise, and those held out not larger than predicted.
+        where: where the misfit is largest; None if there is none.
+        misfits: the size of the residuals of each channel.
+        explanations: changes of the model that would explain a misfit, the best one first.
+        warnings: one line each.
+        recordings: the measurements.
+        residuals: simulated minus measured, for each recording, shape (T, M) [m]; NaN where nothing is measured.
+        fitted: the rows that were fitted, for each recording, bool, shape (T,).
+        offsets: what was added to the model for each recording, shape (M,) [m].
+        drifts: what their offsets change by over each recording, shape (M,) [m].
+        noises: estimated standard deviation of each channel, for each recording, shape (M,) [m].
+        posterior: the values of the parameters as a distribution, for predictions and gaits.
+        interrupted: whether Ctrl-C ended the search before all starts were tried.
+    """
+
+    scene: Scene
+    parameters: tuple[Parameter, ...]
+    sensors: tuple[SensorNumber, ...]
+    residual: float
+    noise: float
+    held_out: float | None
+    score: HeldOut | None
+    model_fits: bool
+    where: str | None
+    misfits: tuple[Misfit, ...]
+    explanations: tuple[Explanation, ...]
+    warnings: tuple[str, ...]
+    recordings: tuple[Measurements, ...]
+    residuals: tuple[np.ndarray, ...]
+    fitted: tuple[np.ndarray, ...]
+    offsets: tuple[np.ndarray, ...]
+    drifts: tuple[np.ndarray, ...]
+    noises: tuple[np.ndarray, ...]
+    posterior: Posterior
+    interrupted: bool
+
+    def playback(self, recording: int = 0) -> Scene:
+        """Build the scene with the values found that plays a recording.
+
+        Args:
+            recording: its index.
+
+        Returns:
+            The scene; its drive is the recorded commands, straight between rows, with lengths as the actuators reach
+            them if they have a gain.
+        """
+        gains = [one.value for one in self.sensors if one.name == GAIN]  # one of each recording
+        return playback(self.scene, self.recordings[recording], gains[recording])
+
+    def __repr__(self) -> str:
+        """Describe the result in one line."""
+        return f"Identification({', '.join(f'{p.name}: {p.verdict}' for p in self.parameters)})"
+
+    def __getitem__(self, name: str) -> Parameter:
+        """Return the parameter of a name."""
+        return next(p for p in self.parameters if p.name == name)
+
+    def summary(self) -> dict[str, Any]:
+        """Convert to the values that `crawler identify --json` prints.
+
+        Returns:
+            Plain numbers, lists and text, schema 1.
+        """
+        return {
+            "schema": 1,
+            "scene": self.scene.name,
+            "parameters": [p.as_plain() for p in self.parameters],
+            "sensors": [asdict(s) | {"interval": list(s.interval), "prior": list(s.prior)} for s in self.sensors],
+            "posterior": self.posterior.as_plain(),
+            "residual": self.residual,
+            "noise": self.noise,
+            "held_out": self.held_out,
+            "score": None if self.score is None else {name: getattr(self.score, name) for name in _OF_SCORE},
+            "model_fits": self.model_fits,
+            "where": self.where,
+            "misfits": [m.as_plain() for m in self.misfits],
+            "explanations": [asdict(e) for e in self.explanations],
+            "warnings": list(self.warnings),
+            "recordings": [
+                {
+                    "name": m.name,
+                    "rows": int(m.time.size),
+                    "fitted_rows": int(rows.sum()),
+                    "offset": dict(zip(m.channels, added.tolist(), strict=True)),
+                    "drift": dict(zip(m.channels, drift.tolist(), strict=True)),
+                    "noise": dict(zip(m.channels, noise.tolist(), strict=True)),
+                }
+                for m, rows, added, drift, noise in zip(
+                    self.recordings, self.fitted, self.offsets, self.drifts, self.noises, strict=True
+                )
+            ],
+            "complete": not self.interrupted,
+        }

@@ -1,0 +1,128 @@
+"""Recordings of scenes without exact derivatives: the model is run, and its derivatives are differences of runs.
+
+This holds in the plane, of bodies that turn, and on patches of ground.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from crawler_model.body.drive import NS
+from crawler_model.crawler.crawler import Crawler
+from crawler_model.errors import CommandError, SceneError
+from crawler_model.scene.scene import Scene
+
+from ...sweep.vary import Variations
+from ...sweep.workers import available_cores
+from ..measurements import Measurements
+from .changes import Change, apply_gain
+from .playback import playback
+from .replica import Prediction, Replica
+
+_TOLERANCE = 1e-5
+"""Of runs in the plane, far below the differences of runs."""
+_STEPS = {1: 2.0**-18, 2: 2.0**-10}
+"""Step of the differences by the dimension of the body, relative to the value of the parameter [1]. Runs on a line are
+exact, and a jump within the step would count as a derivative."""
+_RUN = 3.0
+"""How many times as long as one with exact derivatives a run takes at least [1]."""
+_SMALLEST = 2.0**-4
+"""Values are taken to be of this size at least."""
+
+
+class SampledReplica(Replica):
+    """A recording, and the model that repeats it, differentiated by central differences."""
+
+    derivative_error = 1e-3
+
+    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
+        """Prepare the model.
+
+        Raises:
+            SceneError: if a key is unknown or has no effect.
+        """
+        self._prepare(scene, measured, keys, "identify")
+        self._base = playback(scene, measured)
+        if scene.dimension == 2:
+            tolerance = min(scene.tolerance or _TOLERANCE, _TOLERANCE)
+            self._base = Scene.model_validate(self._base.document() | {"tolerance": tolerance})
+        varied = Variations(self._base, {key: np.zeros(1) for key in keys}, (1,))
+        self.start_values = np.array([varied.origin(key) for key in keys])
+        self.weight = _RUN * (1 + 2 * len(keys))
+        self._step = _STEPS[scene.dimension]
+        self.limits = []  # they are not examined here
+
+    def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> None:
+        """Build nothing: neither how far forces stay from their bounds nor changes of the model are examined here."""
+
+    def predict(
+        self,
+        values: np.ndarray,
+        lag: float = 0.0,
+        gain: float = 0.0,
+        with_gain: bool = False,
+        changes: Sequence[Change] = (),
+    ) -> Prediction | None:
+        """Follow the recorded commands.
+
+        Args:
+            changes: none.
+
+        Returns:
+            The prediction, with a column for each parameter, and the gain. None if no motion exists at the values.
+        """
+        at = np.rint(np.maximum(self.measured.time - lag, 0.0) * NS).astype(np.int64)
+        count = values.size + with_gain
+        sizes = np.append(np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values)), 1.0)
+        steps = self._step * np.where(sizes > 0.0, sizes, 1.0)
+        moves = [(p, side * steps[p]) for p in range(count) for side in (1.0, -1.0)]
+
+        def run(move: tuple[int, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
+            moved, more = values.copy(), 0.0
+            if move is not None and move[0] < values.size:
+                moved[move[0]] += move[1]
+            elif move is not None:
+                more = move[1]
+            return self._run(moved, gain + more, at)
+
+        with ThreadPoolExecutor(available_cores()) as pool:
+            middle, *sides = pool.map(run, [None, *moves])
+        if middle is None:
+            return None
+        x, velocity = middle
+        jacobian = np.zeros((x.shape[1], count, x.shape[0]))
+        for p in range(count):
+            ends = [(move[1], side[0]) for move, side in zip(moves, sides, strict=True) if move[0] == p and side]
+            ends = ends if len(ends) == 2 else [(0.0, x), *ends]  # one side alone, or none
+            if len(ends) == 2:
+                jacobian[:, p] = ((ends[1][1] - ends[0][1]) / (ends[1][0] - ends[0][0])).T
+        return Prediction(x, jacobian, velocity)
+
+    def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Compute what is measured at some times [ns], and its rates, each of shape (T, M); None without a motion."""
+        try:
+            scene: Any = self._scene_at(values)
+        except SceneError:
+            return None
+        if gain:
+            scene = apply_gain(scene, gain)
+        start = scene.start_displacement
+        x, time = np.empty((1, start.size)), np.zeros(1, np.int64)
+        x[0] = start.ravel()
+        if at[-1] > 0:
+            crawler = Crawler(scene)
+            ends, targets, *_ = scene.drive.ramps_between(0, np.unique(at[at > 0]))
+            records = np.empty((ends.size, 2 * start.size + crawler.tension.size))
+            try:
+                crawler.follow(targets, records)
+            except CommandError:
+                return None
+            x, time = np.vstack((x, records[:, : start.size])), np.append(time, ends)
+        rate = np.vstack((np.zeros(start.size), np.diff(x, axis=0) / (np.diff(time) / NS)[:, None]))
+        matrix, added = self.observation
+        rows = np.searchsorted(time, at)
+        return x[rows] @ matrix.T + added, rate[rows] @ matrix.T

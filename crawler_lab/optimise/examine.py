@@ -1,0 +1,271 @@
+"""Examine the best gait of a search: what it is worth, which bounds it reaches, and where it fails."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from crawler_model.compiled import clock
+from crawler_model.errors import CrawlerError
+from crawler_model.run.cycle import limit_cycle
+from crawler_model.scene.scene import Scene
+
+from ..derivative.sensitivities import Kink, group_kinks
+from .followed import find_followed_peak
+from .goal import WORST, Goal, best_first, measure
+from .landscape import count_samples, profile_points, value_inside
+from .limit import OutOfTime, TimeLimit
+from .optimum import ActiveBound, Alternative, Optimum, Weakness
+from .polish import best_step, improve, improves
+from .regime import Regime, RegimeDerivatives, differentiate_regime, find_peak
+from .request import Request
+from .search import Found
+from .space import Evaluator, Space
+from .unknowns import Unknowns, with_numbers
+
+_NEAR = 1e-9
+_FLAT_STEP, _COARSE_STEP, _FLAT = 2e-3, 5e-2, 1e-9
+"""Steps that show which unknowns change nothing, of exact scores and of coarse ones, and a change that is none."""
+_ALTERNATIVES = 5
+_EXACT_PERIODS, _FOLLOWED_PERIODS = 1000, 50
+"""Periods in which the transient of the best gait is judged at most, where a run is exact and where it is not."""
+_FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
+_ELSE = 40
+"""Candidates that peak, transient, derivatives and alternatives cost."""
+
+
+def count_candidates(unknowns: Unknowns, request: Request, bodies: int) -> int:
+    """Count the candidates that are run after a search.
+
+    Args:
+        bodies: number of bodies on which the best gait is verified.
+
+    Returns:
+        Their number.
+    """
+    size = unknowns.low.size
+    around = size * (2 + count_samples(unknowns.base.dimension, size))
+    return around + _ELSE + bodies + len(request.robust or {}) * 2 * _FACTORS.size
+
+
+def settle(space: Space, found: Found, limit: TimeLimit) -> tuple[Found, tuple[bool, ...], np.ndarray]:
+    """Look around the best point of a search, and search on where it is beaten, until nothing around it is better.
+
+    Args:
+        found: what the search found, changed in place.
+        limit: the time limit.
+
+    Returns:
+        What was found, which unknowns change nothing around it, bool, shape (P,), and the objective with one unknown at
+        a time moved between its bounds, shape (P, samples), as for `landscape.profile`.
+    """
+    evaluator = Evaluator(space, limit.over, found.evaluations)
+    found.point = space.canonical(found.point)
+    try:
+        while True:
+            near, places = _near_moves(space, found.point), profile_points(space, found.point)
+            points = [found.point, *(point for _, point in near), *places.reshape(-1, space.size)]
+            regimes = evaluator.regimes(points)
+            scores = np.array([-math.inf if one is None else space.score(one) for one in regimes])
+            best = int(best_first(scores)[0])
+            if not improves(float(scores[best]), found.score):
+                break
+            found.point, found.score = improve(evaluator, points[best], float(scores[best]), limit.over)
+            found.point = space.canonical(found.point)
+            found.found_after_s = clock() - limit.began
+            found.optima.insert(0, (found.score, found.point.copy()))
+    finally:
+        evaluator.close()
+        found.evaluations = evaluator.evaluations
+    beside = zip(near, scores[1:], strict=False)
+    flat = {i for (i, _), score in beside if abs(score - found.score) <= _FLAT * abs(found.score)}
+    values = [math.nan if one is None else value_inside(space, one) for one in regimes[1 + len(near) :]]
+    return found, tuple(i in flat for i in range(space.size)), np.array(values).reshape(places.shape[:2])
+
+
+def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit) -> Optimum:
+    """Examine the best point of a search; what the time limit leaves no time for is left out.
+
+    Args:
+        found: what the search found.
+        limit: the time limit.
+
+    Returns:
+        The optimum.
+    """
+    found, is_flat, around = settle(space, found, limit)
+    goal, point = space.goal, found.point
+    values = space.values(point)
+    regime = _find_regime(space, unknowns, point)
+    assert regime is not None
+    scene = Scene.model_validate(unknowns.document(values))
+    exact = scene.has_exact_derivatives
+    if not limit.over():
+        peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
+        regime = dataclasses.replace(regime, peak=peak)
+    patched = scene.ground.track is not None
+    value = _worst_value(space, point)
+    one_sided, kinks = (True, ()) if limit.over() else _find_kinks(unknowns, values, goal)
+    others = [
+        (score, other)
+        for score, other in found.optima
+        if score > -WORST and not np.allclose(space.canonical(other), point, atol=1e-3)
+    ]
+    shown = itertools.takewhile(lambda _: not limit.over(), others[:_ALTERNATIVES])
+    alternatives = [_alternative(unknowns, space, other) for _, other in shown]
+    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, is_flat))
+    as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
+    keys = itertools.takewhile(lambda _: not limit.over(), request.robust or ())
+    return Optimum(
+        goal.objective,
+        value,
+        scene,
+        unknowns.names,
+        values,
+        unknowns.low,
+        unknowns.high,
+        regime.gain,
+        measure("cost-of-transport", regime),
+        regime.travel,
+        regime.peak,
+        math.nan if patched else _find_transient(scene, regime, limit),
+        found.found_after_s,
+        found.evaluations,
+        math.nan if limit.over() else _gradient_norm(space, point, value),
+        not one_sided,
+        kinks,
+        _active_bounds(unknowns, space, point, regime),
+        tuple(one for one in alternatives if not math.isnan(one.value)),
+        flat,
+        not (as_good or flat or math.isnan(value) or limit.over()),
+        tuple(_find_weakness(space, unknowns, key, point) for key in keys),
+        space,
+        point,
+        request.seed,
+        request.seconds is None and not found.interrupted,
+        clock() - limit.began,
+        motion=regime.motion,
+        periods=goal.periods if patched else None,
+        interrupted=found.interrupted,
+        around=around,
+        limit=limit,
+    )
+
+
+def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime | None:
+    """Compute the regime of a candidate in the unit box on one scene; None if it cannot be followed."""
+    return dataclasses.replace(space, scenes=(unknowns,)).regimes(point[None])[0][0]
+
+
+def _find_transient(scene: Scene, regime: Regime, limit: TimeLimit) -> float:
+    """Estimate how far the gain of a regime is from that of the limit cycle, which follows more periods [m].
+
+    Infinite if the time is over before that is known.
+    """
+    most_periods = _EXACT_PERIODS if scene.has_exact_derivatives else _FOLLOWED_PERIODS
+    try:
+        cycle = limit_cycle(scene, most_periods=most_periods, progress=limit.check)
+    except OutOfTime:
+        return math.inf
+    apart = np.subtract(cycle.gain, regime.gain if regime.motion is None else regime.motion)
+    return float(cycle.transient_left + np.linalg.norm(np.atleast_1d(apart)[:2]))
+
+
+def _worst_value(space: Space, point: np.ndarray) -> float:
+    """Compute the objective of a candidate in the unit box over all scenes [m or 1]; NaN where it has none."""
+    return space.value(space.regimes(point[None])[0])
+
+
+def _alternative(unknowns: Unknowns, space: Space, point: np.ndarray) -> Alternative:
+    point = space.canonical(point)
+    values = space.values(point)
+    return Alternative(_worst_value(space, point), values, unknowns.document(values)["drive"])
+
+
+def _find_kinks(unknowns: Unknowns, values: np.ndarray, goal: Goal) -> tuple[bool, tuple[Kink, ...]]:
+    """Find whether the derivative at a point is one-sided, and where."""
+    if not unknowns.base.has_exact_derivatives:
+        return True, ()
+    try:
+        cycle, derivatives = unknowns.differentiate(values)
+        found: RegimeDerivatives = differentiate_regime(cycle, derivatives)
+    except CrawlerError:
+        return True, ()
+    one_sided = bool(found.one_sided.any())
+    if goal.objective == "travel":
+        one_sided |= bool(found.travel_one_sided.any())
+    ends = np.cumsum(cycle.seconds)
+    shift = cycle.seconds[0] if unknowns.table is not None else 0.0
+    times = [
+        float((ends[ramp] - (1.0 - place) * cycle.seconds[ramp] - shift) % ends[-1]) for ramp, place, _ in found.kinks
+    ]
+    return one_sided, group_kinks(cycle.plan.body, times, [contact for _, _, contact in found.kinks])
+
+
+def _gradient_norm(space: Space, point: np.ndarray, value: float) -> float:
+    slopes = space.slopes(point)
+    if not slopes:
+        return math.nan
+    size = 1e-6
+    planes = [(point, score, slope) for score, slope in slopes]
+    step = best_step(space, point, planes, size) - point
+    ahead = min(score + slope @ step for _, score, slope in planes) - min(score for _, score, _ in planes)
+    per_score = 1.0 + value**2 if space.goal.objective == "cost-of-transport" else 1.0
+    return max(float(ahead) / size * per_score, 0.0)
+
+
+def _near_moves(space: Space, point: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """List points at which one unknown is moved a little, with the unknown."""
+    size = _COARSE_STEP if space.goal.resolution else _FLAT_STEP
+    found = []
+    for i, step in itertools.product(range(point.size), (size, -size)):
+        moved = point.copy()
+        moved[i] = np.clip(point[i] + step, 0.0, 1.0)
+        if moved[i] != point[i]:
+            found.append((i, moved))
+    return found
+
+
+def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: Regime) -> tuple[ActiveBound, ...]:
+    found = []
+    for name, place, low, high in zip(unknowns.names, point, unknowns.low, unknowns.high, strict=True):
+        if place <= _NEAR:
+            found.append(ActiveBound(name, "lower", float(low)))
+        elif place >= 1.0 - _NEAR:
+            found.append(ActiveBound(name, "upper", float(high)))
+    goal = space.goal
+    for name, reached, limit in (("rate", regime.speed, goal.rate), ("tension", regime.peak, goal.tension)):
+        if reached >= (1.0 - 1e-6) * limit:
+            found.append(ActiveBound(name, "upper", limit))
+    return tuple(found)
+
+
+def _find_weakness(space: Space, unknowns: Unknowns, key: str, point: np.ndarray) -> Weakness:
+    """Find the factors of a number at which a gait no longer moves as it should."""
+    goal = space.goal
+
+    def moves(factor: float) -> bool:
+        try:
+            regime = _find_regime(space, with_numbers(unknowns, {key: factor}), point)
+        except CrawlerError:
+            return True
+        return regime is None or goal.progress(regime) > max(_NEAR * regime.travel, goal.resolution)
+
+    def edge(factors: np.ndarray) -> float | None:
+        inside = 1.0
+        for factor in factors:
+            if not moves(float(factor)):
+                outside = float(factor)
+                while abs(outside - inside) > 1e-6 * inside:
+                    middle = math.sqrt(inside * outside)
+                    inside, outside = (middle, outside) if moves(middle) else (inside, middle)
+                return outside
+            inside = float(factor)
+        return None
+
+    if not moves(1.0):
+        return Weakness(key, 1.0, 1.0)
+    return Weakness(key, edge(1.0 / _FACTORS), edge(_FACTORS))

@@ -1,0 +1,207 @@
+"""The result of an optimisation."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crawler_model.notebook import write_html
+from crawler_model.scene.scene import Scene
+
+from ..derivative.sensitivities import Kink
+from .bodies import Robustness
+from .goal import OBJECTIVES
+from .limit import TimeLimit
+from .space import Space
+
+
+@dataclass(frozen=True)
+class ActiveBound:
+    """A bound at which an unknown lies, or a limit that the gait reaches.
+
+    Attributes:
+        name: the unknown, or `rate` or `tension`.
+        side: "lower" or "upper".
+        value: the bound [unit of the unknown, m/s, N].
+    """
+
+    name: str
+    side: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another local optimum.
+
+    Attributes:
+        value: of the objective [m or 1].
+        values: the unknowns, shape (P,).
+        drive: the part `drive` of its scene.
+    """
+
+    value: float
+    values: np.ndarray
+    drive: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Weakness:
+    """How much a number of the scene may change before the gait no longer moves as it should.
+
+    Attributes:
+        key: the number.
+        below: the factor [1] at which that happens when it becomes smaller; None if none was found.
+        above: likewise when it becomes larger [1].
+    """
+
+    key: str
+    below: float | None
+    above: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Optimum:
+    """The best gait that was found.
+
+    Attributes:
+        objective: a key of `OBJECTIVES`.
+        value: of the objective in the periodic regime: gain per period [m], cost of transport [1], gain / travel
+            [1], turn per period [rad] or distance from the target [m]; with `robust` the worst one over the box, with
+            `robust_to` the mean or the worst of the drawn bodies.
+        scene: a scene that plays the gait.
+        names: names of the unknowns, shape (P,).
+        values: the unknowns, shape (P,).
+        low: their lower bounds, shape (P,).
+        high: their upper bounds, shape (P,).
+        gain: gain per period [m].
+        cost_of_transport: work / (distance * force), the distance being the gain [1]; NaN for a gait that does not
+            travel.
+        travel: sum of all changes of rest lengths in a period [m].
+        peak_tension: largest tension in a period [N].
+        transient_left: estimate of how far the gain is from that of the periodic regime [m]; infinite where periods
+            have not settled, NaN on patches.
+        found_after_s: when the best gait was found [s].
+        evaluations: how many candidates were run.
+        gradient_norm: by how much the objective would improve to first order if all unknowns moved within their bounds
+            and limits, per width of the bounds [m or 1].
+        differentiable: whether the objective is differentiable at the optimum.
+        kinks: when and where it is not, times in a period.
+        active_bounds: bounds and limits that the gait reaches.
+        alternatives: other local optima, best first.
+        flat: unknowns that change nothing near the optimum; none where it has no value.
+        unique: whether it has a value, no other gait that was found is as good, and no unknown is flat.
+        weaknesses: with `robust`, at which change of each number the gait fails.
+        space: the candidates, for the landscape around the optimum.
+        point: the optimum in the unit box of the unknowns, shape (P,).
+        seed: of the random numbers.
+        complete: whether the search ended because nothing better was found; False after Ctrl-C or a time limit, when
+            the result depends on the machine.
+        wall_s: wall-clock time [s].
+        motion: in the plane dx, dy per period [m], of a body that turns in its own frame and with dyaw [rad]; None on a
+            line.
+        periods: on patches of ground, number of periods from the start of which `gain` is the mean; None elsewhere.
+        robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
+        interrupted: whether Ctrl-C ended the search.
+        around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
+            `landscape.profile` shows it.
+        limit: the time limit, which covers pictures, too.
+    """
+
+    objective: str
+    value: float
+    scene: Scene
+    names: tuple[str, ...]
+    values: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    gain: float
+    cost_of_transport: float
+    travel: float
+    peak_tension: float
+    transient_left: float
+    found_after_s: float
+    evaluations: int
+    gradient_norm: float
+    differentiable: bool
+    kinks: tuple[Kink, ...]
+    active_bounds: tuple[ActiveBound, ...]
+    alternatives: tuple[Alternative, ...]
+    flat: tuple[str, ...]
+    unique: bool
+    weaknesses: tuple[Weakness, ...]
+    space: Space
+    point: np.ndarray
+    seed: int
+    complete: bool
+    wall_s: float
+    motion: tuple[float, ...] | None = None
+    periods: int | None = None
+    robustness: Robustness | None = None
+    interrupted: bool = False
+    around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    limit: TimeLimit = field(default_factory=lambda: TimeLimit(0.0, None))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value."""
+        return OBJECTIVES[self.objective]
+
+    def __repr__(self) -> str:
+        """Describe the optimum in one line."""
+        return (
+            f"Optimum({self.scene.name}, {self.objective} {self.value:.6g} {self.unit}, {len(self.names)} unknowns, "
+            f"{self.evaluations} evaluations)"
+        )
+
+    def _repr_html_(self) -> str:
+        """Show the unknowns of the best gait in a notebook."""
+        title = f"Optimum of {self.scene.name}: {self.objective} {self.value:.6g} {self.unit}"
+        rows = zip(self.names, self.values.tolist(), self.low.tolist(), self.high.tolist(), strict=True)
+        return write_html(title, [(name, f"{value:.6g} in {low:g} .. {high:g}") for name, value, low, high in rows])
+
+    def summary(self) -> dict[str, Any]:
+        """Build the summary that `crawler optimise --json` prints.
+
+        Returns:
+            Plain numbers, lists and strings; schema 1.
+        """
+        numbers = {
+            name: _number(getattr(self, name))
+            for name in ("gain", "cost_of_transport", "travel", "peak_tension", "transient_left", "gradient_norm")
+        }
+        robust_to = None
+        if self.robustness is not None:
+            plain = asdict(self.robustness) | {"unknown": list(self.robustness.unknown)}
+            robust_to = {name: _number(v) if isinstance(v, float) else v for name, v in plain.items()}
+        return {
+            "schema": 1,
+            "scene": self.scene.name,
+            "objective": self.objective,
+            "best": {"value": _number(self.value), "unit": self.unit},
+            "unknowns": dict(zip(self.names, self.values.tolist(), strict=True)),
+            "drive": self.scene.document()["drive"],
+            **numbers,
+            "motion": None if self.motion is None else list(self.motion),
+            "periods": self.periods,
+            "found_after_s": self.found_after_s,
+            "evaluations": self.evaluations,
+            "differentiable": self.differentiable,
+            "kinks": [{"time": kink.time, "contacts": list(kink.contacts)} for kink in self.kinks],
+            "active_bounds": [asdict(bound) for bound in self.active_bounds],
+            "alternatives": [{"value": _number(one.value), "drive": one.drive} for one in self.alternatives],
+            "flat": list(self.flat),
+            "unique": self.unique,
+            "fails": [asdict(weakness) for weakness in self.weaknesses],
+            "robust_to": robust_to,
+            "seed": self.seed,
+            "complete": self.complete,
+            "interrupted": self.interrupted,
+            "wall_s": self.wall_s,
+        }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,282 @@
+"""Global search: random gaits and waves, local search, CMA-ES, and again from changed optima."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from crawler_model.compiled import clock
+
+from .goal import best_first
+from .limit import TimeLimit
+from .polish import flip, improve, improves
+from .space import Evaluator, Space
+
+_STALE_ROUNDS = {1: 12, 2: 4}
+"""Rounds without a better gait after which the search ends, by the dimension of the body: in the plane one of each
+kind, as each gait takes a hundred times longer than on a line."""
+_BETTER = 1e-4
+"""Improvements by a smaller part do not count as better for this."""
+MOST_EVALUATIONS = 30_000
+"""Candidates after which a search without a time limit ends."""
+_KEPT = 32
+_FLIPPED, _CLIMBED = 12, 3
+"""How many of the best random points are improved by flips, and how many of these by derivatives."""
+_SAME = 1e-3
+"""Gaits whose unknowns differ by less than this part of their bounds are the same."""
+
+
+@dataclass
+class Found:
+    """What a search has found.
+
+    Attributes:
+        point: the best point, shape (P,).
+        score: its score [m or 1].
+        optima: local optima, best first: score and point.
+        evaluations: how many candidates were run, with derivatives or without.
+        found_after_s: when the best one was found [s].
+        interrupted: whether Ctrl-C ended the search.
+    """
+
+    point: np.ndarray
+    score: float
+    optima: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    evaluations: int = 0
+    found_after_s: float = 0.0
+    interrupted: bool = False
+
+
+def search(
+    space: Space,
+    seed: int,
+    limit: TimeLimit,
+    begin: list[np.ndarray],
+    progress: Callable[[float], None] | None = None,
+    rounds: int | None = None,
+) -> Found:
+    """Search the best candidate.
+
+    Args:
+        seed: of the random numbers.
+        limit: the time limit; without one the search ends when several rounds found nothing better.
+        begin: points to begin with.
+        progress: called with the completed part, in [0, 1].
+        rounds: how many rounds without a better gait end the search; None for 12, in the plane 4.
+
+    Returns:
+        What was found; after Ctrl-C the best so far.
+    """
+    import cma  # takes a second, and is needed only here  # noqa: F401
+
+    run = _Search(space, seed, limit, progress, rounds)
+    try:
+        run.go(begin)
+    except KeyboardInterrupt:
+        run.found.interrupted = True
+    finally:
+        run.evaluator.close()
+    point, score, when = run.evaluator.best
+    if run.found.interrupted and score > -np.inf:
+        run.note(point, score, when)
+    run.found.evaluations = run.evaluator.evaluations
+    return run.found
+
+
+class _Search:
+    def __init__(
+        self,
+        space: Space,
+        seed: int,
+        limit: TimeLimit,
+        progress: Callable[[float], None] | None,
+        rounds: int | None,
+    ) -> None:
+        rounds = rounds or _STALE_ROUNDS[space.scenes[0].base.dimension]
+        self.space, self.limit, self.rounds = space, limit, min(rounds, 3 + space.size)
+        self.random = np.random.default_rng(seed)
+        self.evaluator = Evaluator(space, None if limit.seconds is None else self.over)
+        self.began = clock()
+        self.progress = progress
+        self.part = 0.0
+        self.found = Found(space.repair(np.full(space.size, 0.5)), -np.inf)
+
+    def go(self, begin: list[np.ndarray]) -> None:
+        stale = 0
+        for number in itertools.count():
+            before = self.found.score
+            self.round(number, begin if number == 0 else [])
+            stale = 0 if self.found.score > before + _BETTER * abs(before) or number == 0 else stale + 1
+            if self.limit.seconds is None:
+                self.report(max(stale / self.rounds, self.evaluator.evaluations / MOST_EVALUATIONS))
+                if stale >= self.rounds:
+                    return
+            if self.over():
+                return
+
+    def over(self) -> bool:
+        """Determine whether the time limit is reached, or without one that of the evaluations."""
+        if self.limit.seconds is None:
+            return self.evaluator.evaluations >= MOST_EVALUATIONS
+        now = clock()
+        most = self.limit.search_seconds((now - self.began) / max(self.evaluator.evaluations, 1))
+        self.report((now - self.limit.began) / most)
+        return now - self.limit.began >= most
+
+    def report(self, part: float) -> None:
+        self.part = min(1.0, max(self.part, part))
+        if self.progress is not None:
+            self.progress(self.part)
+
+    def note(self, point: np.ndarray, score: float, when: float | None = None) -> None:
+        """Keep a point if it is the best one so far; it was found just now unless another time is given."""
+        if improves(score, self.found.score) or not np.isfinite(self.found.score):
+            self.found.point, self.found.score = point.copy(), score
+            self.found.found_after_s = (clock() if when is None else when) - self.began
+
+    def round(self, number: int, begin: list[np.ndarray]) -> None:
+        """Search once: from random points and waves, from a changed optimum, or by CMA-ES around one."""
+        kind = number % 4
+        if kind == 0:
+            points = [self.space.repair(point) for point in (*begin, *self.random_points(), *self.waves())]
+            scores = self.evaluator.scores(points)
+            flipped = []
+            for k in best_first(scores)[:_FLIPPED]:
+                point, score = flip(self.evaluator, points[int(k)], float(scores[k]), self.over)
+                self.note(point, score)
+                flipped.append((point, score))
+            for k in best_first([score for _, score in flipped])[:_CLIMBED]:
+                self.improve(*flipped[int(k)])
+        elif kind == 2:
+            self.improve(*self.evolve(self.found.point, self.found.score))
+        else:
+            self.improve(*self.kick())
+
+    def improve(self, point: np.ndarray, score: float) -> None:
+        """Search locally, and keep the local optimum."""
+        self.note(point, score)
+        point, score = improve(self.evaluator, point, score, self.over)
+        self.note(point, score)
+        self.keep(point, score)
+
+    def keep(self, point: np.ndarray, score: float) -> None:
+        if score == -np.inf and self.found.optima:
+            return
+        optima = sorted([*self.found.optima, (score, point.copy())], key=lambda pair: -pair[0])
+        self.found.optima = distinct(optima, self.space.canonical)[:_KEPT]
+
+    def random_points(self) -> list[np.ndarray]:
+        """Draw points, half of them at corners of the box."""
+        size, count = self.space.size, 32 + 4 * self.space.size
+        corners = self.random.integers(0, 2, (count // 2, size)).astype(np.float64)
+        points = [*corners, *self.random.random((count // 2, size)), *self.repeated_points(count // 2)]
+        if np.isfinite(self.space.goal.tension):  # gaits of full stroke often exceed it
+            shrunk = 0.5 ** self.random.integers(1, 5, len(points))
+            points += [0.5 + part * (point - 0.5) for part, point in zip(shrunk, points, strict=True)]
+        return points
+
+    def repeated_points(self, count: int) -> list[np.ndarray]:
+        """Draw corners that repeat within the period: a short gait several times is often the best long one."""
+        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
+        if table is None:
+            return []
+        parts = [d for d in range(2, table.waypoints) if table.waypoints % d == 0]
+        found = []
+        for part in parts:
+            for _ in range(count // len(parts)):
+                rows = self.random.integers(0, 2, (part, table.width)).astype(np.float64)
+                rows = np.tile(rows, (table.waypoints // part, 1))
+                found.append(np.concatenate((self.random.random(first), rows.ravel())))
+        return found
+
+    def waves(self) -> list[np.ndarray]:
+        """Build travelling waves along the body, smooth ones and between the bounds alone."""
+        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
+        if table is None:
+            return []
+        found = []
+        time_part = np.arange(table.waypoints)[:, None] / table.waypoints
+        place = np.arange(table.width)[None] / max(table.links, 1)
+        place[:, table.links :] = (np.arange(table.width - table.links) - 0.5) / max(table.links, 1)
+        for number in (0.5, 1.0, 2.0, 3.0):
+            for sign in (1.0, -1.0):
+                lag = self.random.random()
+                angle = time_part - sign * number * place
+                angle[:, table.links :] += lag
+                wave = np.sin(2.0 * np.pi * (angle + 1e-3))
+                for rows in (0.5 + 0.5 * wave, (wave > 0.0).astype(np.float64)):
+                    keys = self.random.random(first)
+                    found.append(np.concatenate((keys, rows.ravel())))
+        return found
+
+    def kick(self) -> tuple[np.ndarray, float]:
+        """Change one of the best optima at random."""
+        best = self.found.optima[int(self.random.integers(0, min(3, len(self.found.optima))))][1]
+        points = []
+        for _ in range(8):
+            point = best.copy()
+            changed = self.random.random(point.size) < self.random.choice([0.1, 0.2, 0.4])
+            changed[int(self.random.integers(0, point.size))] = True
+            ends = self.random.integers(0, 2, point.size).astype(np.float64)
+            point[changed] = np.where(self.random.random(point.size) < 0.7, ends, self.random.random(point.size))[
+                changed
+            ]
+            points.append(self.space.repair(point))
+        scores = self.evaluator.scores(points)
+        k = int(best_first(scores)[0])
+        return points[k], float(scores[k])
+
+    def evolve(self, point: np.ndarray, score: float) -> tuple[np.ndarray, float]:
+        """Run CMA-ES around a point."""
+        import cma
+
+        def draw(*shape: int) -> np.ndarray:
+            return self.random.standard_normal(shape)
+
+        options: dict[str, Any] = {
+            "bounds": [0.0, 1.0],
+            "seed": np.nan,
+            "randn": draw,
+            "verbose": -9,
+            "maxiter": 30 + 2 * self.space.size,
+        }
+        if self.space.size == 1:
+            return point, score
+        strategy = cma.CMAEvolutionStrategy(np.clip(point, 0.05, 0.95), 0.2, options)
+        while not strategy.stop() and not self.over():
+            asked = strategy.ask()
+            points = [self.space.repair(np.asarray(x)) for x in asked]
+            scores = self.evaluator.scores(points)
+            if not self.over():  # else candidates may be left out, and the loop ends
+                strategy.tell(asked, list(-scores))
+            k = int(best_first(scores)[0])
+            if scores[k] > score:
+                point, score = points[k], float(scores[k])
+            self.note(points[k], float(scores[k]))
+        return point, score
+
+
+def distinct(
+    optima: list[tuple[float, np.ndarray]], canonical: Callable[[np.ndarray], np.ndarray]
+) -> list[tuple[float, np.ndarray]]:
+    """Leave out optima that are the same gait.
+
+    Args:
+        optima: scores and points, best first.
+        canonical: maps a point to one that equal gaits share.
+
+    Returns:
+        The distinct ones.
+    """
+    kept: list[tuple[float, np.ndarray]] = []
+    shapes: list[np.ndarray] = []
+    for score, point in optima:
+        shape = canonical(point)
+        if not any(np.abs(other - shape).max(initial=0.0) < _SAME for other in shapes):
+            kept.append((score, point))
+            shapes.append(shape)
+    return kept
