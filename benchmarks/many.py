@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from crawler_gym import CrawlerEnv, CrawlerVectorEnv
 from crawler_lab import simulate_many, vary
+from crawler_lab.gym import CrawlerEnv, CrawlerVectorEnv
 from crawler_model import Scene, load_scene
 
 VARIATIONS, QUICK = 20_000, 2_000

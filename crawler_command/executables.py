@@ -75,7 +75,7 @@ def path_control() -> int:
 
 def policy() -> int:
     """Run the node `policy`, which controls a crawler by a policy of the environment `Crawler-v0`."""
-    return _run("policy", "crawler_gym.policy_node")
+    return _run("policy", "crawler_lab.gym.policy_node")
 
 
 def describe_missing(*modules: str) -> str:

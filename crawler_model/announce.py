@@ -15,7 +15,7 @@ KINDS = (
     ("crawler_model.motion.plane.", "bodies in the plane", 100),
     ("crawler_lab.derivative.", "derivatives", 80),
     ("crawler_model.", "bodies on a line", 150),
-    ("crawler_gym.", "environments", 15),
+    ("crawler_lab.gym.", "environments", 15),
     ("crawler_ros.", "commands of the node", 45),
     ("benchmarks.", "peers of the bench", 10),
 )

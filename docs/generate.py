@@ -32,7 +32,7 @@ _OTHER_NODES = {
     "crawler-speed-control": "crawler_ros/examples/speed_control.py",
     "crawler-phase-control": "crawler_ros/examples/phase_control.py",
     "crawler-path-control": "crawler_ros/examples/path_control.py",
-    "crawler-policy": "crawler_gym/policy_node.py",
+    "crawler-policy": "crawler_lab/gym/policy_node.py",
 }
 
 _SCENES = """# Scene files: every key

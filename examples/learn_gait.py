@@ -12,7 +12,7 @@ import cma
 import gymnasium
 import numpy as np
 
-import crawler_gym  # noqa: F401  registers Crawler-v0
+import crawler_lab.gym  # noqa: F401  registers crawler_lab/Crawler-v0
 from crawler_lab import optimise
 from crawler_model import load_scene
 
@@ -20,7 +20,12 @@ STEPS = float(sys.argv[1]) if len(sys.argv) > 1 else 3e5
 SCENE, EPISODE, PERIOD, POPULATION, SPREAD, SEED = "three_contacts_one_way", 200, 1.0, 32, 2.0, 1
 
 envs = gymnasium.make_vec(
-    "Crawler-v0", num_envs=POPULATION, vectorization_mode="vector_entry_point", scene=SCENE, steps=EPISODE, price=0.0
+    "crawler_lab/Crawler-v0",
+    num_envs=POPULATION,
+    vectorization_mode="vector_entry_point",
+    scene=SCENE,
+    steps=EPISODE,
+    price=0.0,
 )
 scale = envs.unwrapped.spec_of_crawler.spans.scale
 inputs, outputs = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]

@@ -14,7 +14,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-import crawler_gym  # noqa: F401  registers Crawler-v0
+import crawler_lab.gym  # noqa: F401  registers crawler_lab/Crawler-v0
 from crawler_lab import optimise
 from crawler_model import load_scene
 
@@ -24,7 +24,7 @@ SCENE, EPISODE, PERIOD, SEED, ROUNDS = "three_contacts_one_way", 200, 1.0, 1, 8
 
 def make():
     """Make an environment that observes numbers of size 1, as networks need them."""
-    env = gymnasium.make("Crawler-v0", scene=SCENE, steps=EPISODE, price=0.0)
+    env = gymnasium.make("crawler_lab/Crawler-v0", scene=SCENE, steps=EPISODE, price=0.0)
     scale = env.unwrapped.spec_of_crawler.spans.scale
     space = gymnasium.spaces.Box(-np.inf, np.inf, scale.shape)
     return gymnasium.wrappers.TransformObservation(env, lambda seen: (seen / scale).astype(np.float32), space)

@@ -42,7 +42,7 @@ def compile_environments() -> None:
     except ModuleNotFoundError:
         return
     for scene, direction in (("three_contacts_one_way", 1.0), ("planar_three_points", 0.0)):
-        environment = gymnasium.make("crawler_gym:Crawler-v0", scene=scene, direction=direction)
+        environment = gymnasium.make("crawler_lab.gym:crawler_lab/Crawler-v0", scene=scene, direction=direction)
         environment.reset(seed=0)
         environment.step(environment.action_space.sample())
 
@@ -123,7 +123,7 @@ JOBS = (
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 0.25),
     ("crawler_lab.derivative", 0.5),
-    ("crawler_gym", 0.5),
+    ("crawler_lab.gym", 0.5),
     ("crawler_", 0.12),
 )
 """Beginning of a module, and the processor time that a function of it takes [s]."""

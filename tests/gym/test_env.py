@@ -15,14 +15,14 @@ pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 
-import crawler_gym
+import crawler_lab.gym
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 
 from .scenes import CHAIN, EACH_KIND, KINDS, act, chain, varied
 
 
 def make(scene="three_contacts_one_way", task="translation", **settings):
-    return gymnasium.make("Crawler-v0", scene=scene, task=task, **settings).unwrapped
+    return gymnasium.make("crawler_lab/Crawler-v0", scene=scene, task=task, **settings).unwrapped
 
 
 def of_kind(kind: str, **settings):
@@ -341,8 +341,10 @@ def loaded_by(code: str) -> set[str]:
 
 
 def test_making_it_loads_neither_ros_nor_pictures():
-    gymnasium.make("crawler_gym:Crawler-v0").reset()  # else the other process reports that it compiles kernels
-    made = loaded_by("import gymnasium; gymnasium.make('crawler_gym:Crawler-v0').reset()")
+    gymnasium.make(
+        "crawler_lab.gym:crawler_lab/Crawler-v0"
+    ).reset()  # else the other process reports that it compiles kernels
+    made = loaded_by("import gymnasium; gymnasium.make('crawler_lab.gym:crawler_lab/Crawler-v0').reset()")
     assert not made & {"rclpy", "mcap", "matplotlib", "rerun"}
 
 
@@ -380,7 +382,7 @@ WRONG = [
 @pytest.mark.parametrize(("settings", "said"), WRONG, ids=[said[:40] for _, said in WRONG])
 def test_wrong_settings_are_one_clear_line(settings, said):
     with pytest.raises(CrawlerError) as error:
-        crawler_gym.CrawlerEnv(**settings)
+        crawler_lab.gym.CrawlerEnv(**settings)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -456,3 +458,8 @@ def test_copies_of_an_environment_that_was_drawn():
     env = make(render_mode="rgb_array")
     play(env, 2, seed=1)
     assert np.array_equal(env.render(), copy.deepcopy(env).render())
+
+
+@pytest.mark.parametrize("name", ["crawler_lab/Crawler-v0", "Crawler-v0"])
+def test_it_is_registered_by_its_namespace_and_by_its_earlier_name(name):
+    assert isinstance(gymnasium.make(name).unwrapped, crawler_lab.gym.CrawlerEnv)

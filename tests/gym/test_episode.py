@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("gymnasium")
 pytest.importorskip("mcap")
 
-from crawler_gym import CrawlerEnv
+from crawler_lab.gym import CrawlerEnv
 from crawler_model import CrawlerError
 from crawler_ros.replay import simulate_again
 

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("gymnasium")
 
-from crawler_gym import CrawlerEnv
-from crawler_gym.policy import load_policy
+from crawler_lab.gym import CrawlerEnv
+from crawler_lab.gym.policy import load_policy
 from crawler_model import CrawlerError
 
 POLICY = """
@@ -74,7 +74,7 @@ def test_its_path_is_that_of_the_environment(tmp_path, module, scene, actions, s
         ros.simulator("lock_step:=true", f"scene:={scene}", f"rate:={rate}")
         words = (f"policy:={name}:lively", f"scene:={scene}", f"task:={task}", f"steps:={STEPS}")
         others = yaml.safe_dump(given, default_flow_style=True).strip()
-        node = ros.start("crawler_gym.policy_node", *words, f'settings:="{others}"')
+        node = ros.start("crawler_lab.gym.policy_node", *words, f'settings:="{others}"')
         wait_until(lambda: node.process.poll() is not None, what="the end of the policy")
         assert node.process.returncode == 0, node.said
         assert f"done after {STEPS} steps" in node.said
@@ -110,7 +110,7 @@ def test_begun_late_it_goes_on_from_the_command_in_force(tmp_path, module):
         ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.1, 0.1]))
         wait_until(lambda: lengths()[-1:] == [0.1], what="the command")
         node = ros.start(
-            "crawler_gym.policy_node",
+            "crawler_lab.gym.policy_node",
             f"policy:={module(2)}:lively",
             "steps:=3",
             'settings:="{randomise: {friction: [0.8, 1.2], delay: 2, noise: 0.1}}"',
@@ -128,7 +128,7 @@ def run_wrong(folder: Path, *words: str) -> tuple[int, str]:
     from ..ros.graph import environment, node_command
 
     done = subprocess.run(
-        node_command("crawler_gym.policy_node", *words),
+        node_command("crawler_lab.gym.policy_node", *words),
         env=environment(),
         cwd=folder,
         capture_output=True,

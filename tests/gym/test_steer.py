@@ -12,7 +12,7 @@ pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.utils.env_checker import check_env
 
-import crawler_gym
+import crawler_lab.gym
 from crawler_model import CommandError, Crawler, CrawlerError, load_scene
 from crawler_model.run.transport import supporting_force
 
@@ -20,7 +20,7 @@ INCHWORM = load_scene("steering_inchworm")
 
 
 def make(scene="steering_inchworm", **settings):
-    return gymnasium.make("Crawler-v0", scene=scene, task="steer", **settings).unwrapped
+    return gymnasium.make("crawler_lab/Crawler-v0", scene=scene, task="steer", **settings).unwrapped
 
 
 @pytest.mark.parametrize("settings", [{}, {"heading": 1.0}], ids=["waypoints", "heading"])
@@ -147,11 +147,11 @@ def test_a_mistake_is_one_line(settings, message):
 
 def test_other_tasks_name_this_one():
     with pytest.raises(CrawlerError, match="the task of bodies that turn is steer"):
-        gymnasium.make("Crawler-v0", scene="steering_inchworm")
+        gymnasium.make("crawler_lab/Crawler-v0", scene="steering_inchworm")
     with pytest.raises(CrawlerError, match="task: steer; many at a time"):
-        crawler_gym.CrawlerVectorEnv(2, "steering_inchworm", "steer", heading=1.0)
+        crawler_lab.gym.CrawlerVectorEnv(2, "steering_inchworm", "steer", heading=1.0)
     with pytest.raises(CrawlerError, match="headin: unknown setting; the settings are direction, speed, place"):
-        crawler_gym.CrawlerVectorEnv(2, headin=1.0)
+        crawler_lab.gym.CrawlerVectorEnv(2, headin=1.0)
 
 
 def test_a_bad_action_changes_nothing():

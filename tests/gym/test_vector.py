@@ -11,7 +11,7 @@ pytest.importorskip("gymnasium")
 import gymnasium
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-import crawler_gym
+import crawler_lab.gym
 from crawler_model import CommandError, CrawlerError
 
 from .scenes import EACH_KIND, KINDS, act, varied
@@ -20,12 +20,14 @@ RANGES = {"friction": [0.9, 1.1], "stiffness": [0.5, 2.0], "delay": [0, 2], "noi
 
 
 def make(count: int, **settings):
-    return gymnasium.make_vec("Crawler-v0", num_envs=count, vectorization_mode="vector_entry_point", **settings)
+    return gymnasium.make_vec(
+        "crawler_lab/Crawler-v0", num_envs=count, vectorization_mode="vector_entry_point", **settings
+    )
 
 
 def beside(count: int, mode: AutoresetMode, **settings):
     """Ours, and Gymnasium's vector of single environments."""
-    single = [lambda: crawler_gym.CrawlerEnv(**settings)] * count
+    single = [lambda: crawler_lab.gym.CrawlerEnv(**settings)] * count
     return make(count, autoreset_mode=mode, **settings), SyncVectorEnv(single, autoreset_mode=mode)
 
 
@@ -92,7 +94,7 @@ def test_every_kind_of_body_equals_the_single_environment(kind):
     build, needed = KINDS[kind]
     settings = {"scene": build(), "randomise": {"stiffness": [0.8, 1.0], "noise": 0.01}, **needed}
     ours = make(3, **settings)
-    singles = [crawler_gym.CrawlerEnv(**settings) for _ in range(3)]
+    singles = [crawler_lab.gym.CrawlerEnv(**settings) for _ in range(3)]
     observations, _ = ours.reset(seed=7)
     for m, env in enumerate(singles):
         assert np.array_equal(env.reset(seed=7 + m)[0], observations[m])
@@ -156,7 +158,7 @@ def test_wrong_actions_leave_all_states_untouched():
 )
 def test_wrong_settings_are_one_clear_line(settings, said):
     with pytest.raises(CrawlerError) as error:
-        crawler_gym.CrawlerVectorEnv(**settings)
+        crawler_lab.gym.CrawlerVectorEnv(**settings)
     assert str(error.value) == said
 
 

@@ -147,7 +147,7 @@ def test_every_function_that_opens_a_figure_does_so_with_these_settings():
     for package in (
         "crawler_pictures",
         "crawler_ros",
-        "crawler_gym",
+        "crawler_lab.gym",
         "crawler_play",
         "crawler_command",
         "benchmarks",

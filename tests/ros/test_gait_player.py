@@ -151,7 +151,7 @@ def test_a_dead_simulator_ends_it(ros, number):
         ("crawler_ros.examples.phase_control", ()),
         ("crawler_ros.examples.speed_control", ()),
         ("crawler_ros.examples.path_control", ("right:=link_0",)),
-        ("crawler_gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
+        ("crawler_lab.gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
     ],
     ids=["player", "phase", "speed", "path", "policy"],
 )

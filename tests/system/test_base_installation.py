@@ -143,7 +143,7 @@ def test_the_executable_names_it_too(tmp_path):
 
 
 def test_importing_the_environments_without_their_library_names_the_extra(tmp_path):
-    code = "import sys; sys.modules['gymnasium'] = None; import crawler_gym"
+    code = "import sys; sys.modules['gymnasium'] = None; import crawler_lab.gym"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
     )

@@ -50,11 +50,11 @@ VERBS = {
     "sweep": ["sweep", "two_anchor_a", "--vary", "drive.length=2,3", "--out", "s.parquet", "--workers", "2", "--json"],
     "optimise": ["optimise", "two_anchor_a", "--for", "translation", "--seconds", "1", "--json"],
 }
-IMPORTS = ["crawler_model", "crawler_model.compiled", "crawler_gym", "crawler_play.server", "crawler_command.app"]
+IMPORTS = ["crawler_model", "crawler_model.compiled", "crawler_lab.gym", "crawler_play.server", "crawler_command.app"]
 RECORD = """
-import crawler_gym, crawler_play.session
+import crawler_lab.gym, crawler_play.session
 from crawler_ros.replay import analyse
-env = crawler_gym.CrawlerEnv("two_anchor_a")
+env = crawler_lab.gym.CrawlerEnv("two_anchor_a")
 env.reset(seed=0)
 for _ in range(3):
     env.step(env.action_space.sample())
@@ -84,7 +84,7 @@ def test_what_is_taken_away_is_missing(tmp_path):
 
 @pytest.mark.parametrize("module", IMPORTS)
 def test_a_module_is_imported(module, tmp_path):
-    if module == "crawler_gym":
+    if module == "crawler_lab.gym":
         pytest.importorskip("gymnasium")
     run(tmp_path, "-c", f"import {module}")
 

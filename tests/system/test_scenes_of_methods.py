@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium")
 
 import gymnasium
 
-import crawler_gym  # noqa: F401
+import crawler_lab.gym  # noqa: F401
 from crawler_lab import Measurements, excite, identify, optimise, predict, sensitivities
 from crawler_lab.identify.measurements import channel_names
 from crawler_lab.identify.sensor.sensor import PERFECT
@@ -59,7 +59,7 @@ def forecast(scene: Scene) -> None:
 def learn(scene: Scene) -> None:
     more = {"direction": 0.0} if scene.dimension == 2 else {}
     task = {"task": "translation"} | more if scene.body.turning is None else {"task": "steer"}
-    env = gymnasium.make("Crawler-v0", scene=scene, **task)
+    env = gymnasium.make("crawler_lab/Crawler-v0", scene=scene, **task)
     env.reset(seed=1)
     env.step(env.action_space.sample())
 

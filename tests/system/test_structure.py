@@ -24,7 +24,6 @@ import pytest
 from pydantic import BaseModel
 
 import crawler_command
-import crawler_gym
 import crawler_lab
 import crawler_model
 import crawler_pictures
@@ -39,7 +38,6 @@ PACKAGES = (
     "crawler_lab",
     "crawler_pictures",
     "crawler_ros",
-    "crawler_gym",
     "crawler_play",
     "crawler_command",
 )
@@ -194,7 +192,6 @@ EVERYTHING = (
     crawler_lab,
     crawler_pictures,
     crawler_ros,
-    crawler_gym,
     crawler_play,
     crawler_command,
 )

@@ -92,7 +92,7 @@ def test_a_kernel_that_does_not_compile_is_not_announced_for_ever():
         "from crawler_model.compiled import announcer, compiled\n"
         "from numba.core.errors import TypingError\n"
         "broken = compiled(lambda x: x.no_such_attribute)\n"
-        "broken.py_func.__module__ = 'crawler_gym.x'\n"
+        "broken.py_func.__module__ = 'crawler_lab.gym.x'\n"
         "try:\n    broken(1.0)\nexcept TypingError:\n    pass\n"
         "assert announcer._depth == 0 and not announcer._kind"
     )
@@ -104,7 +104,7 @@ def test_time_limits_do_not_count_what_compiling_takes():
         "import time\n"
         "from crawler_model.compiled import announcer, clock, compiled\n"
         "kernel = compiled(lambda x: x + 1.0)\n"
-        "kernel.py_func.__module__ = 'crawler_gym.x'\n"
+        "kernel.py_func.__module__ = 'crawler_lab.gym.x'\n"
         "begin, began = clock(), time.monotonic()\n"
         "kernel(1.0)\n"
         "time.sleep(0.05)\n"

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from crawler_lab.sweep.stack import Stack, stack
-from crawler_lab.sweep.vary import Variations, vary
 from crawler_model import CrawlerError, Scene
+
+from ..sweep.stack import Stack, stack
+from ..sweep.vary import Variations, vary
 
 OF_SCENE = ("friction", "stiffness", "loads", "slope")
 """What changes the scene: factors on friction and on stiffness, an additional load on each contact [N] (on segments

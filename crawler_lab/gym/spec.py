@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from crawler_lab.sweep.keys import with_loads
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 from crawler_ros.wire.states import shown_contacts
 
+from ..sweep.keys import with_loads
 from .actions import Actions, build_actions
 from .bounds import Spans, find_spans
 from .randomise import Ranges, read_ranges

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from crawler_lab.sweep.workers import available_cores
 from crawler_model import CommandError, Crawler, Scene
 from crawler_model.body.plan import Plan
 from crawler_model.crawler.crawler import default_budget
@@ -18,6 +17,7 @@ from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns
 from crawler_ros.wire.states import find_command, shown_contacts
 
+from ..sweep.workers import available_cores
 from .kernel import lane, plan
 from .memory import build_shared, fill_at_rest, has_kernel, view
 from .randomise import assemble, vary_scene

@@ -12,9 +12,10 @@ from .vector import CrawlerVectorEnv
 
 __all__ = ["CrawlerEnv", "CrawlerVectorEnv", "SteerEnv"]
 
-if "Crawler-v0" not in registry:
-    register(
-        "Crawler-v0",
-        entry_point="crawler_gym.steer:make_env",
-        vector_entry_point="crawler_gym.vector:CrawlerVectorEnv",
-    )
+for name in ("crawler_lab/Crawler-v0", "Crawler-v0"):  # the second one as in version 0.1.0
+    if name not in registry:
+        register(
+            name,
+            entry_point="crawler_lab.gym.steer:make_env",
+            vector_entry_point="crawler_lab.gym.vector:CrawlerVectorEnv",
+        )

@@ -12,7 +12,6 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from crawler_lab.optimise.request import find_planar_strokes
 from crawler_model import CommandError, Crawler, CrawlerError, Scene
 from crawler_model.body.names import name_joints
 from crawler_model.run.screw import largest_distance, to_frame
@@ -20,6 +19,7 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 
+from ..optimise.request import find_planar_strokes
 from .actions import check_start
 from .env import CrawlerEnv, describe_bad, read_action
 from .task import check_number
@@ -247,7 +247,7 @@ def _read_waypoints(given: Sequence[Sequence[float]] | None, length: float) -> n
 
 
 def make_env(scene: Scene | str | Path | None = None, task: str = "translation", **settings: Any) -> gymnasium.Env:
-    """Build the environment of a task, as `gymnasium.make("Crawler-v0")` does.
+    """Build the environment of a task, as `gymnasium.make("crawler_lab/Crawler-v0")` does.
 
     Args:
         scene: a scene, a path or a gallery name; None for the default of the task.
