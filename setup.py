@@ -22,7 +22,7 @@ setup(
         "crawler_model": ["py.typed"],
         "crawler_lab": ["py.typed"],
         "crawler_pictures.film": ["player.html"],
-        "crawler_play": ["page/*", "lessons/*"],
+        "crawler_lab.play": ["page/*", "lessons/*"],
         "msgs_config": ["*.yaml", "*.json", "*.xml", "scenes/*.yaml"],
     },
     data_files=[

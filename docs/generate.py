@@ -333,7 +333,7 @@ def generated() -> Iterator[tuple[Path, str]]:
     """
     for file, write in FILES.items():
         yield file, write().rstrip("\n") + "\n"
-    for page in sorted((ROOT / "crawler_play" / "lessons").iterdir()):
+    for page in sorted((ROOT / "crawler_lab" / "play" / "lessons").iterdir()):
         yield ROOT / "docs" / "lessons" / page.name, page.read_text(encoding="utf-8")
 
 

@@ -148,7 +148,7 @@ def test_every_function_that_opens_a_figure_does_so_with_these_settings():
         "crawler_pictures",
         "crawler_ros",
         "crawler_lab.gym",
-        "crawler_play",
+        "crawler_lab.play",
         "crawler_command",
         "benchmarks",
     ):

@@ -27,7 +27,7 @@ def wait_until(holds: Callable[[], Any], what: str, seconds: float = 120.0) -> A
 @contextmanager
 def served(robot: Any) -> Iterator[Any]:
     """Serve a robot; all that touches it runs in the loop of the server, through `server.ask`."""
-    from crawler_play.server import Server
+    from crawler_lab.play.server import Server
 
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever)

@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("aiohttp")
 
+from crawler_lab.play.lessons import read_lessons
+from crawler_lab.play.session import Session
+from crawler_lab.play.simulated import Simulated
 from crawler_model import Crawler, Scene, load_scene, simulate
-from crawler_play.lessons import read_lessons
-from crawler_play.session import Session
-from crawler_play.simulated import Simulated
 
 from .pages import browsing, open_page, served, wait_until
 

@@ -14,9 +14,9 @@ pytest.importorskip("aiohttp")
 
 import aiohttp
 
+from crawler_lab.play.server import Server
+from crawler_lab.play.simulated import Simulated
 from crawler_model import CrawlerError, Scene, load_scene
-from crawler_play.server import Server
-from crawler_play.simulated import Simulated
 
 from ..sockets import addresses
 from .pages import complaint, next_frame

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import crawler_play
+import crawler_lab.play
+from crawler_lab.play.keep import KEPT, write_scene
+from crawler_lab.play.lessons import read_lessons
+from crawler_lab.play.session import MOST_TICKS, Session
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate
-from crawler_play.keep import KEPT, write_scene
-from crawler_play.lessons import read_lessons
-from crawler_play.session import MOST_TICKS, Session
 from crawler_ros.replay import simulate_again
 
 SCENES = (
@@ -272,13 +272,13 @@ def test_lessons_open_at_their_instant(lesson):
 
 
 def test_there_are_six_lessons_and_none_is_forgotten():
-    pages = (Path(crawler_play.__file__).parent / "lessons").iterdir()
+    pages = (Path(crawler_lab.play.__file__).parent / "lessons").iterdir()
     assert {name.partition(":")[0] for name in read_lessons()} == {page.stem for page in pages}
     assert len({lesson.text for lesson in read_lessons().values()}) == 6
 
 
 def test_a_session_ends_where_its_memory_ends(monkeypatch):
-    monkeypatch.setattr("crawler_play.session.MOST_TICKS", 3)
+    monkeypatch.setattr("crawler_lab.play.session.MOST_TICKS", 3)
     session = Session(load_scene("two_anchor_a"))
     for _ in range(3):
         session.step()

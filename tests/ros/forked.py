@@ -16,7 +16,12 @@ import pytest
 
 from ..processes import PATIENCE_S
 
-NODES = ("crawler_ros.node.simulator", "crawler_ros.node.gait_player", "crawler_command.app", "crawler_play.console")
+NODES = (
+    "crawler_ros.node.simulator",
+    "crawler_ros.node.gait_player",
+    "crawler_command.app",
+    "crawler_lab.play.console",
+)
 MESSAGES = ("diagnostic_msgs", "geometry_msgs", "nav_msgs", "rosgraph_msgs", "sensor_msgs", "trajectory_msgs")
 LIBRARIES = ("numba.np.arraymath", "numpy.ma", "rcl_interfaces.srv", "rosidl_generator_py", "std_srvs.srv")
 IMPORTED = (*NODES, *(f"{name}.msg" for name in MESSAGES), *LIBRARIES)

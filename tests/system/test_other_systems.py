@@ -50,9 +50,15 @@ VERBS = {
     "sweep": ["sweep", "two_anchor_a", "--vary", "drive.length=2,3", "--out", "s.parquet", "--workers", "2", "--json"],
     "optimise": ["optimise", "two_anchor_a", "--for", "translation", "--seconds", "1", "--json"],
 }
-IMPORTS = ["crawler_model", "crawler_model.compiled", "crawler_lab.gym", "crawler_play.server", "crawler_command.app"]
+IMPORTS = [
+    "crawler_model",
+    "crawler_model.compiled",
+    "crawler_lab.gym",
+    "crawler_lab.play.server",
+    "crawler_command.app",
+]
 RECORD = """
-import crawler_lab.gym, crawler_play.session
+import crawler_lab.gym, crawler_lab.play.session
 from crawler_ros.replay import analyse
 env = crawler_lab.gym.CrawlerEnv("two_anchor_a")
 env.reset(seed=0)

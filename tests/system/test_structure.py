@@ -27,7 +27,6 @@ import crawler_command
 import crawler_lab
 import crawler_model
 import crawler_pictures
-import crawler_play
 import crawler_ros
 import crawler_ros.replay
 from crawler_model import kernel_cache
@@ -38,7 +37,6 @@ PACKAGES = (
     "crawler_lab",
     "crawler_pictures",
     "crawler_ros",
-    "crawler_play",
     "crawler_command",
 )
 OPTIONAL = (
@@ -192,7 +190,6 @@ EVERYTHING = (
     crawler_lab,
     crawler_pictures,
     crawler_ros,
-    crawler_play,
     crawler_command,
 )
 INTERFACE = (crawler_model, crawler_lab, crawler_ros.replay)

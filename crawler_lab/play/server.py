@@ -135,7 +135,7 @@ class Server:
     async def _page(self, request: web.Request) -> web.Response:
         """Send the page: one file, without anything from elsewhere."""
         nonce = secrets.token_urlsafe(12)
-        folder = resources.files("crawler_play") / "page"
+        folder = resources.files("crawler_lab.play") / "page"
         style, script, text = (
             (folder / name).read_text(encoding="utf-8") for name in ("play.css", "play.js", "play.html")
         )

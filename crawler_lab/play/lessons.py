@@ -47,7 +47,7 @@ def read_lessons() -> dict[str, Lesson]:
     """
     found = {}
     for page in _PAGES:
-        text = (resources.files("crawler_play") / "lessons" / f"{page}.md").read_text(encoding="utf-8")
+        text = (resources.files("crawler_lab.play") / "lessons" / f"{page}.md").read_text(encoding="utf-8")
         opens = re.findall(r"^crawler play (\S+) --state (\S+)$", text, re.M)
         plain = re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", text).replace("`", "")
         head, _, rest = plain.partition("bash\n")
