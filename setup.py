@@ -40,8 +40,17 @@ setup(
             "speed_control = crawler_command.executables:speed_control",
             "phase_control = crawler_command.executables:phase_control",
             "path_control = crawler_command.executables:path_control",
-            "policy = crawler_command.executables:policy",
+            "policy = crawler_lab.executables:policy",
             "crawler = crawler_command.executables:crawler",
-        ]
+        ],
+        "crawler.verbs": [
+            "excite = crawler_lab.verbs.identify.excite:excite_command",
+            "identify = crawler_lab.verbs.identify.command:identify_command",
+            "optimise = crawler_lab.verbs.optimise:optimise_command",
+            "play = crawler_lab.verbs.play:play",
+            "predict = crawler_lab.verbs.identify.predict:predict_command",
+            "sweep = crawler_lab.verbs.sweep:sweep",
+            "warm = crawler_lab.verbs.warm:warm",
+        ],
     },
 )

@@ -1,34 +1,25 @@
-"""The `crawler` command: its verbs, and how its errors are printed."""
+"""The `crawler` command: its verbs, those that packages enter as `crawler.verbs`, and how its errors are printed."""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from crawler_model import CrawlerError, __version__
-from crawler_model.run.ticks import RATE
 from crawler_ros.node.life.leave import STOPPED, replace_unprintable
 
 from .executables import describe_missing
-from .identify.command import identify_command
-from .identify.excite import excite_command
-from .identify.predict import predict_command
 from .many.compare import compare
-from .many.warm import warm
-from .optimise import optimise_command
-from .play import play
 from .replay import replay
 from .screen import (
     READERS,
-    DurationOption,
     ForceOption,
-    MethodName,
-    MethodOption,
     SceneArgument,
     check_output,
     progress_bar,
@@ -118,71 +109,8 @@ def scenes(
         print(f"{name:<{width}}  {text}")
 
 
-@app.command()
-def sweep(
-    scene: SceneArgument,
-    vary: Annotated[
-        list[str],
-        typer.Option(
-            metavar="KEY=FROM:TO:N",
-            help="A number of the scene by its dotted key, and its values: FROM:TO:N, log:FROM:TO:N or A,B,C. "
-            "Repeat the option for every combination of several keys.",
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="The .parquet table to write; it must not exist.")],
-    duration: DurationOption = None,
-    rate: Annotated[
-        float, typer.Option(help="Ticks per second, Hz; the result of exact does not depend on it.")
-    ] = RATE,
-    method: MethodOption = MethodName.auto,
-    workers: Annotated[
-        int | None, typer.Option(help="Number of parallel runs; by default one per core.", min=1)
-    ] = None,
-    png: Annotated[
-        Path | None, typer.Option(help="The picture to write, for one or two keys; by default beside the table.")
-    ] = None,
-    plot: Annotated[
-        str | None,
-        typer.Option(metavar="COLUMN", help="The result that the picture shows; by default the net translation."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Run on the workers of this Dask scheduler.")
-    ] = None,
-    force: ForceOption = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-) -> None:
-    """Run thousands of variations of a scene on all cores; write a table and a picture.
-
-    crawler sweep ten_contact_wave --vary friction.forward=0.1:1:50 --vary body.links.stiffness=10,20 --out f.parquet
-
-    A key is the path to a number in the scene file: friction.forward, drive.wave.amplitude, body.links.stiffness.0 (the
-    first link). A row holds the values varied, the net translation in the last period, energies, and whether the
-    translation is unique; an invalid variation is reported with its reason. After Ctrl-C the table holds the finished
-    runs.
-    """
-    from crawler_lab.sweep.many import Settings
-    from crawler_model import load_scene
-
-    drawn = png is not None or len(vary) <= 2
-    require("pyarrow", *(["matplotlib"] if drawn else []), *(["distributed"] if scheduler is not None else []))
-    from .many import sweep as sweeps
-
-    settings = Settings(duration, rate, None if method is MethodName.auto else method.value)  # type: ignore[arg-type]
-    plan = sweeps.plan_sweep(load_scene(scene), vary, settings, out, png, force, plot)
-    with progress_bar("sweeping") as progress:
-        runs = sweeps.run_sweep(plan, workers, scheduler, progress)
-    print(json.dumps(sweeps.summarise(plan, runs)) if as_json else "\n".join(sweeps.describe_sweep(plan, runs)))
-    if runs.interrupted:
-        raise typer.Exit(130)
-
-
-app.command("optimise")(optimise_command)
-app.command()(play)
 app.command()(animate)
 app.command()(view)
-app.command("identify")(identify_command)
-app.command("excite")(excite_command)
-app.command("predict")(predict_command)
 app.command("replay")(replay)
 app.command("compare")(compare)
 
@@ -200,7 +128,8 @@ def demo(
     print("\n".join(summary))
 
 
-app.command()(warm)
+for _name, _point in sorted({point.name: point for point in entry_points(group="crawler.verbs")}.items()):
+    app.command(_name)(_point.load())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -39,43 +39,38 @@ _REQUIRED = ("numpy", "numba", "llvmlite", "pydantic", "yaml", "typer", "rich", 
 
 def crawler() -> int:
     """Run the command `crawler`."""
-    return _run("crawler", "crawler_command.app")
+    return run("crawler", "crawler_command.app")
 
 
 def replay() -> int:
     """Run `crawler replay` as an executable of its own: `ros2 run crawler_ros replay BAG`."""
     sys.argv.insert(1, "replay")
-    return _run("crawler", "crawler_command.app")
+    return run("crawler", "crawler_command.app")
 
 
 def simulator() -> int:
     """Run the node `simulator`."""
-    return _run("simulator", "crawler_ros.node.simulator")
+    return run("simulator", "crawler_ros.node.simulator")
 
 
 def gait_player() -> int:
     """Run the node `gait_player`."""
-    return _run("gait_player", "crawler_ros.node.gait_player")
+    return run("gait_player", "crawler_ros.node.gait_player")
 
 
 def speed_control() -> int:
     """Run the example controller `speed_control`."""
-    return _run("speed_control", "crawler_ros.examples.speed_control")
+    return run("speed_control", "crawler_ros.examples.speed_control")
 
 
 def phase_control() -> int:
     """Run the example controller `phase_control`."""
-    return _run("phase_control", "crawler_ros.examples.phase_control")
+    return run("phase_control", "crawler_ros.examples.phase_control")
 
 
 def path_control() -> int:
     """Run the example controller `path_control`."""
-    return _run("path_control", "crawler_ros.examples.path_control")
-
-
-def policy() -> int:
-    """Run the node `policy`, which controls a crawler by a policy of the environment `Crawler-v0`."""
-    return _run("policy", "crawler_lab.gym.policy_node")
+    return run("path_control", "crawler_ros.examples.path_control")
 
 
 def describe_missing(*modules: str) -> str:
@@ -101,8 +96,16 @@ def _find_extra(module: str) -> str | None:
     return _EXTRA_OF.get(module)
 
 
-def _run(name: str, module: str) -> int:
-    """Import a module and run its `main`; return the exit status."""
+def run(name: str, module: str) -> int:
+    """Run an executable.
+
+    Args:
+        name: its name, for messages.
+        module: the module whose `main` it runs.
+
+    Returns:
+        The exit status.
+    """
     prepare_streams()
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # started in the background by a script
     if not ignored:

@@ -120,7 +120,7 @@ def kernels() -> None:
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
-    from crawler_command.many import warm
+    from crawler_lab.verbs import warm
 
     builds = {kind.value: build for kind, (build, _) in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)

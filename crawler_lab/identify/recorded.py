@@ -16,8 +16,7 @@ from crawler_ros.recording.layouts import JOINT_STATE, TRAJECTORY, Decoder
 from crawler_ros.recording.recorded_robot import noted_robot, robot_in
 from crawler_ros.wire.states import contact_names
 
-from .. import MeasurementError, Measurements
-from .measurements import channel_names
+from .measurements import MeasurementError, Measurements, channel_names
 
 _FEWEST = 8
 _MOST_NAMED = 10

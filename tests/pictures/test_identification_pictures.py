@@ -12,8 +12,8 @@ from PIL import Image
 
 from crawler_lab import Identification, identify
 from crawler_lab.identify.measurements import Measurements
+from crawler_lab.pictures.identification import draw_identification, plot_identification
 from crawler_model import Scene, simulate
-from crawler_pictures.identification import draw_identification, plot_identification
 
 NOISE = 2e-4
 BODY = {

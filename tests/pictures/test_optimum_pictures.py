@@ -13,9 +13,9 @@ pytest.importorskip("cma")
 from matplotlib.figure import Figure
 
 from crawler_lab import Optimum, optimise
+from crawler_lab.pictures.optimum import draw_optimum
 from crawler_model import Scene, load_scene
 from crawler_pictures.colors import LINES
-from crawler_pictures.optimum import draw_optimum
 from crawler_pictures.run.kymograph import place_legend
 
 BODY = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": 10.0}}

@@ -18,6 +18,7 @@ from matplotlib import style
 from PIL import Image
 
 from crawler_lab import simulate_many, vary
+from crawler_lab.pictures.sweep import draw_sweep
 from crawler_model import load_scene, simulate
 from crawler_pictures.domain import draw_domain
 from crawler_pictures.film.film import film_of_run
@@ -25,7 +26,6 @@ from crawler_pictures.film.stage import Stage
 from crawler_pictures.run.page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
 from crawler_pictures.style import own_style
-from crawler_pictures.sweep import draw_sweep
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = (

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_lab import simulate_many, vary
+from crawler_lab.pictures.sweep import draw_sweep, find_gaps, find_jumps, shown_column
 from crawler_model import CrawlerError, load_scene
-from crawler_pictures.sweep import draw_sweep, find_gaps, find_jumps, shown_column
 
 UNITS = {"drive.wave.wavelength": "m", "drive.wave.amplitude": "m"}
 

@@ -15,12 +15,12 @@ import pytest
 import yaml
 
 from crawler_command.app import main
-from crawler_command.identify.options import parse_columns, parse_units
-from crawler_command.identify.report import print_identification
-from crawler_command.identify.tables import read_table
 from crawler_command.screen import Screen
 from crawler_lab import Measurements, identify
 from crawler_lab.identify.measurements import MeasurementError, channel_names, check_measurements
+from crawler_lab.verbs.identify.options import parse_columns, parse_units
+from crawler_lab.verbs.identify.report import print_identification
+from crawler_lab.verbs.identify.tables import read_table
 from crawler_model import Scene, load_scene, simulate
 
 from .. import recordings

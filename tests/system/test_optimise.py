@@ -63,7 +63,7 @@ def test_ctrl_c_keeps_the_best_gait_so_far(scene, capsys, monkeypatch):
     def interrupt(_: str) -> Iterator[Callable[[float], None]]:
         yield lambda part: signal.raise_signal(signal.SIGINT) if part > 0.0 else None
 
-    monkeypatch.setattr("crawler_command.optimise.progress_bar", interrupt)
+    monkeypatch.setattr("crawler_lab.verbs.optimise.progress_bar", interrupt)
     arguments = ["--for", "translation", "--stroke", "0:0.1", "--waypoints", "2", "--out", "best.yaml", "--json"]
     status, out, _ = run(capsys, "optimise", "mine.yaml", *arguments)
     assert status == 130
@@ -78,7 +78,7 @@ def test_the_bar_tells_when_the_gait_is_examined(scene, capsys, monkeypatch):
     def note(_: str) -> Iterator[Callable[..., None]]:
         yield lambda part, step="": steps.append((part, step))
 
-    monkeypatch.setattr("crawler_command.optimise.progress_bar", note)
+    monkeypatch.setattr("crawler_lab.verbs.optimise.progress_bar", note)
     arguments = ["--for", "translation", "--stroke", "0:0.1", "--waypoints", "2", "--seconds", "0.1"]
     assert run(capsys, "optimise", "mine.yaml", *arguments)[0] == 0
     assert steps[-1] == (1.0, "examining the best gait")

@@ -101,6 +101,8 @@ def test_every_executable_is_an_entry_point_of_both(project, setup):
     assert {f"crawler-{name.replace('_', '-')}": where for name, where in by_colcon.items()} | {
         "crawler": by_pip["crawler"]
     } == by_pip
+    verbs = dict(line.split(" = ") for line in setup.entry_points["crawler.verbs"])
+    assert verbs == project["project"]["entry-points"]["crawler.verbs"]
     for name, where in by_colcon.items():
         module, function = where.split(":")
         assert callable(getattr(importlib.import_module(module), function))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from crawler_command.many.warm import BUILDS, JOBS, Kind, measure_compiled
+from crawler_lab.verbs.warm import BUILDS, JOBS, Kind, measure_compiled
 
 from ..commands import crawler
 
@@ -155,7 +155,7 @@ def test_what_is_expected_is_about_what_is_compiled(tmp_path):
     words = [sys.executable, "-m", "crawler_command.app", "warm", "line", "plane"]
     done = subprocess.run(words, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    code = "from crawler_command.many.warm import measure_compiled; print(measure_compiled()[1])"
+    code = "from crawler_lab.verbs.warm import measure_compiled; print(measure_compiled()[1])"
     seconds = float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment))
     assert seconds == pytest.approx(BUILDS[Kind.line][1] + BUILDS[Kind.plane][1], rel=0.3)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import yaml
 
-from crawler_command.identify.command import _note_bounds
 from crawler_command.screen import write_scene
 from crawler_lab import identify
 from crawler_lab.identify.forecast.predict import predict
+from crawler_lab.verbs.identify.command import _note_bounds
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.theory.uniqueness import uniqueness_margin
 

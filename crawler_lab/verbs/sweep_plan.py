@@ -15,17 +15,16 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from crawler_lab import ManyRuns, Variations, simulate_many, vary
-from crawler_lab.sweep.many import Settings, run_chunk
-from crawler_lab.sweep.results import COLUMNS, gather
-from crawler_lab.sweep.rows import ROW, SCREW
-from crawler_lab.sweep.vary import MOST_VARIATIONS
+from crawler_command.many.units import unit_of
+from crawler_command.screen import check_output, whole_file
 from crawler_model import CrawlerError, Scene
-from crawler_pictures.sweep import shown_gain
 from crawler_ros.recording.attachments import installed_version
 
-from ..screen import check_output, whole_file
-from .units import unit_of
+from ..pictures.sweep import shown_gain
+from ..sweep.many import Settings, run_chunk, simulate_many
+from ..sweep.results import COLUMNS, ManyRuns, gather
+from ..sweep.rows import ROW, SCREW
+from ..sweep.vary import MOST_VARIATIONS, Variations, vary
 
 _CHUNKS_A_THREAD, _MOST_IN_A_CHUNK = 8, 512
 
@@ -169,7 +168,7 @@ def run_sweep(
         with whole_file(sweep.out) as part:
             parquet.write_table(_build_table(sweep, runs), part, compression="zstd")
         if sweep.png is not None:
-            from crawler_pictures.sweep import draw_sweep
+            from ..pictures.sweep import draw_sweep
 
             with whole_file(sweep.png) as part:
                 units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
@@ -190,7 +189,7 @@ def _simulate_on_cluster(
     `simulate_many`, identical to the bit on equal processors. A `CrawlerError` tells that there is no scheduler or no
     worker, or that a worker cannot run the variations.
     """
-    from .cluster import SchedulerEndedError, connect
+    from crawler_command.many.cluster import SchedulerEndedError, connect
 
     began, interrupted = time.perf_counter(), False
     settings.check()

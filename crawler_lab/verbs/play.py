@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 
+from crawler_command.screen import SceneArgument, require, screen
 from crawler_model import CrawlerError
 from crawler_model.run.ticks import RATE
-
-from .screen import SceneArgument, require, screen
 
 
 def play(
@@ -32,8 +31,9 @@ def play(
     the sliders command a robot: in ramps of limited rate, and only while the page is open.
     """
     require("aiohttp", *(["rclpy"] if ros else []))
-    from crawler_lab.play.server import Server, serve
     from crawler_model import load_scene, prepare
+
+    from ..play.server import Server, serve
 
     def ready(address: str) -> None:
         screen.print(f"open {address}", soft_wrap=True)
@@ -45,14 +45,14 @@ def play(
     if namespace != "/" and not ros:
         raise CrawlerError(f"--namespace: {namespace}; only a robot has one, add --ros")
     if ros:
-        from crawler_lab.play.console import open_console
+        from ..play.console import open_console
 
         if state is not None:
             raise CrawlerError("--state: only a simulated crawler can be put into a state; leave out --ros")
         with open_console(loaded, namespace) as console:
             asyncio.run(serve(Server(console), port, ready))
         return
-    from crawler_lab.play.simulated import Simulated
+    from ..play.simulated import Simulated
 
     prepare(loaded)
     robot = Simulated(loaded, rate)

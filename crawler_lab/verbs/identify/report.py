@@ -11,12 +11,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from crawler_lab import Identification
-from crawler_lab.identify.fit.misfit import FITS, Misfit
-from crawler_lab.identify.judge.explain import Explanation
-from crawler_lab.identify.judge.held_out import HeldOut
-from crawler_lab.identify.judge.sensors import SensorNumber
-from crawler_lab.identify.judge.verdicts import Parameter
+from ...identify.fit.misfit import FITS, Misfit
+from ...identify.identification import Identification
+from ...identify.judge.explain import Explanation
+from ...identify.judge.held_out import HeldOut
+from ...identify.judge.sensors import SensorNumber
+from ...identify.judge.verdicts import Parameter
 
 _NARROW = 120
 """Columns of a console below which sentences are written beneath their table."""

@@ -13,14 +13,14 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from crawler_lab import Identification
-from crawler_lab.identify.fit.misfit import Misfit, find_period
-from crawler_lab.identify.measurements import Measurements
-from crawler_lab.identify.sensor.noise import find_spikes
+from crawler_pictures.colors import LINES, TEXT
+from crawler_pictures.numbers import shorten
+from crawler_pictures.style import own_style
 
-from .colors import LINES, TEXT
-from .numbers import shorten
-from .style import own_style
+from ..identify.fit.misfit import Misfit, find_period
+from ..identify.identification import Identification
+from ..identify.measurements import Measurements
+from ..identify.sensor.noise import find_spikes
 
 _MOST_RECORDINGS, _MOST_ROWS = 6, 12
 """Of more recordings or channels, those with the largest residuals in units of their noise are drawn."""

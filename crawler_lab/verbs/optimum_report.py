@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from crawler_lab import Front, Optimum
-    from crawler_lab.optimise.optimum import Weakness
     from crawler_model import Scene
+
+    from ..optimise.optimum import Optimum, Weakness
+    from ..optimise.pareto import Front
 
 _SHOWN_ROWS = 12
 _NOTHING_BETTER = "; the search ended because several rounds in a row found nothing better"
@@ -89,7 +90,7 @@ def describe_optimum(found: Optimum) -> list[str]:
 
 
 def _describe_end(found: Optimum) -> str:
-    from crawler_lab.optimise.search import MOST_EVALUATIONS
+    from ..optimise.search import MOST_EVALUATIONS
 
     if found.complete and found.evaluations >= MOST_EVALUATIONS:
         return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
@@ -102,7 +103,7 @@ def _number(value: float, digits: int = 6) -> str:
 
 
 def _describe_numbers(found: Optimum) -> str:
-    from crawler_lab.optimise.goal import LEAST_GAIN
+    from ..optimise.goal import LEAST_GAIN
 
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from crawler_model import CrawlerError
-
-from ..screen import (
+from crawler_command.screen import (
     READERS,
     ForceOption,
     check_output,
@@ -22,11 +20,15 @@ from ..screen import (
     whole_file,
     write_scene,
 )
+from crawler_model import CrawlerError
+
 from .options import SI, parse_columns, parse_sensor, parse_units
 
 if TYPE_CHECKING:
-    from crawler_lab import Identification, Measurements
     from crawler_model import Scene
+
+    from ...identify.identification import Identification
+    from ...identify.measurements import Measurements
 
 _TABLES = (".csv", ".tsv", ".txt", ".parquet")
 _TOPICS = ("joint_states", "contact_states", "applied_commands")
@@ -105,8 +107,9 @@ def identify_command(
     The exit status is 1 if they are larger than noise. Ctrl-C ends the search for other starts and keeps the best so
     far.
     """
-    from crawler_lab import identify
     from crawler_model import load_scene
+
+    from ...identify.identify import identify
 
     _check_files(recordings, out, png, html, force)
     if offset not in (None, "none", "frame", "each"):
@@ -204,14 +207,14 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mappin
         from .tables import read_table
 
         return [read_table(path, scene, **described)]
-    from crawler_lab.identify.recorded import read_bag
+    from ...identify.recorded import read_bag
 
     return read_bag(path, scene, topics)
 
 
 def _note_bounds(found: Identification) -> list[str]:
     """Mark the numbers that the measurements only bound."""
-    from crawler_lab.identify.forecast.posterior import ENDED
+    from ...identify.forecast.posterior import ENDED
 
     bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and ENDED not in p.why]
     return ["Values clear of their bounds, as the measurements only bound these numbers:", *bounded] if bounded else []
@@ -226,8 +229,7 @@ def _write(found: Identification, out: Path | None, png: Path | None, html: Path
     if out is not None:
         write_scene(found.playback(), out, _note_bounds(found))
     if png is not None or html is not None:
-        from crawler_pictures.identification import draw_identification
-
+        from ...pictures.identification import draw_identification
         from .report import write_page
 
         with tempfile.TemporaryDirectory() as folder:

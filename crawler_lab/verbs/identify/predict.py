@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from ..screen import ForceOption, SceneArgument, check_output, screen, whole_file
+from crawler_command.screen import ForceOption, SceneArgument, check_output, screen, whole_file
 
 if TYPE_CHECKING:
-    from crawler_lab import Forecast
+    from ...identify.forecast.predict import Forecast
 
 
 def predict_command(
@@ -40,13 +40,14 @@ def predict_command(
     on a parameter that is only bounded, the band covers all values that the bound allows, and a line names it. Where it
     depends on one that the record did not excite, there is no prediction.
     """
-    from crawler_lab import predict
     from crawler_model import load_scene
+
+    from ...identify.forecast.predict import predict
 
     check_output("--png", png, ".png", force)
     found = predict(load_scene(scene), fit, drive, periods, rate)
     if png is not None:
-        from crawler_pictures.forecast import draw_forecast
+        from ...pictures.forecast import draw_forecast
 
         with whole_file(png) as part:
             draw_forecast(found, part)

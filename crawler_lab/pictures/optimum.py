@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_lab import Front, Optimum
-from crawler_lab.optimise.landscape import map_plane, profile
 from crawler_model import simulate
+from crawler_pictures.colors import GREY, LINES, STICK, TENSION
+from crawler_pictures.numbers import label_values, shorten
+from crawler_pictures.run.arrays import RunArrays
+from crawler_pictures.run.forces import draw_commands
+from crawler_pictures.run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
+from crawler_pictures.run.plane import draw_plane
+from crawler_pictures.run.trajectory import read_trajectory
+from crawler_pictures.style import own_style
 
-from .colors import GREY, LINES, STICK, TENSION
-from .numbers import label_values, shorten
-from .run.arrays import RunArrays
-from .run.forces import draw_commands
-from .run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
-from .run.plane import draw_plane
-from .run.trajectory import read_trajectory
-from .style import own_style
+from ..optimise.landscape import map_plane, profile
+from ..optimise.optimum import Optimum
+from ..optimise.pareto import Front
 from .sweep import draw_broken, find_jumps
 
 if TYPE_CHECKING:

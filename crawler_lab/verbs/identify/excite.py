@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ..screen import (
+from crawler_command.screen import (
     ForceOption,
     SceneArgument,
     check_output,
@@ -18,6 +18,7 @@ from ..screen import (
     screen,
     write_scene,
 )
+
 from .command import split_keys
 
 
@@ -53,9 +54,9 @@ def excite_command(
 
     The numbers of the scene are a guess. Positions of all contacts are measured. Ctrl-C keeps the drive so far.
     """
-    from crawler_lab import excite
     from crawler_model import load_scene
 
+    from ...identify.excite import excite
     from .report import print_parameters
 
     check_output("--out", out, ".yaml", force)

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crawler_lab import Measurements
-from crawler_lab.identify.measurements import MeasurementError, channel_names, check_times
 from crawler_model.scene.scene import Scene
 
+from ...identify.measurements import MeasurementError, Measurements, channel_names, check_times
 from .cells import MOST_NAMED, Table, open_table, read_numbers
 from .options import SI, Units
 

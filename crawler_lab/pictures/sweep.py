@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_lab import ManyRuns, Variations
-from crawler_lab.sweep.results import UNITS
 from crawler_model import CrawlerError
+from crawler_pictures.colors import ACTUATION, TENSION
+from crawler_pictures.numbers import shorten
+from crawler_pictures.style import own_style
 
-from .colors import ACTUATION, TENSION
-from .numbers import shorten
-from .style import own_style
+from ..sweep.results import UNITS, ManyRuns
+from ..sweep.vary import Variations
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from crawler_lab.identify.measurements import MeasurementError
 from crawler_model.errors import LARGEST
 from crawler_model.scene.text import decode_text
+
+from ...identify.measurements import MeasurementError
 
 PARQUET = ".parquet"
 _DELIMITERS = ("\t", ";", ",")

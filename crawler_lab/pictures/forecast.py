@@ -6,11 +6,11 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from crawler_lab import Forecast
+from crawler_pictures.colors import LINES
+from crawler_pictures.numbers import shorten
+from crawler_pictures.style import own_style
 
-from .colors import LINES
-from .numbers import shorten
-from .style import own_style
+from ..identify.forecast.predict import Forecast
 
 _MOST_NAMED = 6
 """More contacts are not named: their lines lie in the order of the contacts."""

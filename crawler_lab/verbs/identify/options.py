@@ -7,8 +7,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from crawler_lab import Prior, Sensor
 from crawler_model import CrawlerError
+
+from ...identify.sensor.sensor import Prior, Sensor
 
 _UNITS = {"length": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6}, "time": {"s": 1.0, "ms": 1e3, "us": 1e6}}
 """Units of a table, by kind, and how many of them are one SI unit."""

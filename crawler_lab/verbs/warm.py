@@ -13,10 +13,9 @@ from typing import Annotated, Any
 
 import typer
 
+from crawler_command.many.cores import WorkerEndedError, run_on_cores
+from crawler_command.screen import ShowProgress, progress_bar
 from crawler_model import CrawlerError
-
-from ..screen import ShowProgress, progress_bar
-from .cores import WorkerEndedError, run_on_cores
 
 PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
 _LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
@@ -69,8 +68,9 @@ def compile_long() -> None:
 
 def compile_derivatives() -> None:
     """Compile the kernels of derivatives, which `optimise` and `identify` use."""
-    from crawler_lab import sensitivities
     from crawler_model import load_scene
+
+    from ..derivative.sensitivities import sensitivities
 
     for name in ("two_contacts_anisotropic", "tendon_worm"):
         sensitivities(load_scene(name), ["friction.forward[0]"], 0.2, 10.0)
@@ -79,8 +79,9 @@ def compile_derivatives() -> None:
 
 def compile_batches() -> None:
     """Compile the kernels of many runs at once, which `sweep` and `optimise` use."""
-    from crawler_lab import simulate_many
     from crawler_model import load_scene
+
+    from ..sweep.many import simulate_many
 
     for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
         simulate_many([load_scene(name)] * 2, 0.05)
@@ -140,8 +141,9 @@ def warm(
     Otherwise the first use of each kind compiles its own. The kernels are kept in ~/.cache/crawler until the model's
     code changes; what is there already is only loaded.
     """
-    from crawler_lab.sweep.workers import available_cores
     from crawler_model.kernel_cache import folder_of_kernels
+
+    from ..sweep.workers import available_cores
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
     names = ", ".join(kind.value for job in jobs for kind in job)

@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from crawler_model import CrawlerError
-
-from .optimum_report import describe_front, describe_optimum
-from .screen import (
+from crawler_command.screen import (
     ForceOption,
     SceneArgument,
     ShowProgress,
@@ -28,10 +25,15 @@ from .screen import (
     whole_file,
     write_scene,
 )
+from crawler_model import CrawlerError
+
+from .optimum_report import describe_front, describe_optimum
 
 if TYPE_CHECKING:
-    from crawler_lab import Front, Optimum
     from crawler_model import Scene
+
+    from ..optimise.optimum import Optimum
+    from ..optimise.pareto import Front
 
 _SEARCHED = 0.85  # part of the time that is left to search and examination where a picture follows
 _TOO_LONG = 10.0  # lengths of the body
@@ -189,8 +191,11 @@ def optimise_command(
         "periods": periods,
     }
     motion = None if target is None else _parse_target(target)
-    from crawler_lab import Front, optimise, pareto, read_posterior
     from crawler_model import load_scene, prepare
+
+    from ..identify.forecast.posterior import read_posterior
+    from ..optimise.optimise import optimise
+    from ..optimise.pareto import Front, pareto
 
     loaded = load_scene(scene)
     if robust_to is not None:
@@ -248,7 +253,7 @@ def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises:
 
 def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None]) -> None:
     """Print the result, and a line about each file that was written."""
-    from crawler_lab import Front
+    from ..optimise.pareto import Front
 
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
@@ -260,14 +265,14 @@ def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None
 
 def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     """Write the scene and the picture that were asked for."""
-    from crawler_lab import Front
+    from ..optimise.pareto import Front
 
     if not isinstance(found, Front) and out is not None:
         write_scene(found.scene, out)
     if png is not None:
-        from crawler_pictures.optimum import draw_front, draw_optimum
+        from crawler_command.many.units import unit_of
 
-        from .many.units import unit_of
+        from ..pictures.optimum import draw_front, draw_optimum
 
         with whole_file(png) as part:
             if isinstance(found, Front):

@@ -1,0 +1,10 @@
+"""Entry points of the executables of the laboratory."""
+
+from __future__ import annotations
+
+from crawler_command.executables import run
+
+
+def policy() -> int:
+    """Run the node `policy`, which controls a crawler by a policy of the environment `crawler_lab/Crawler-v0`."""
+    return run("policy", "crawler_lab.gym.policy_node")

@@ -1,0 +1,1 @@
+"""What the laboratory draws with matplotlib: sweeps, gaits, fits and predictions."""
