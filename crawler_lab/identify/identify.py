@@ -20,14 +20,14 @@ from .fit.minima import average_derivatives, explore_minima
 from .fit.misfit import find_where, measure_misfit
 from .fit.problem import Offset, Problem
 from .fit.space import build_space
-from .forecast.posterior import ENDED, GAIN, collect_posterior
+from .forecast.posterior import GAIN, collect_posterior
 from .identification import Identification
 from .judge.bounds import release
 from .judge.explain import explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.sensors import judge_sensors
-from .judge.verdicts import Parameter, Structure, find_covariance, find_structure, judge
+from .judge.verdicts import ENDED, Parameter, Structure, find_covariance, find_structure, judge
 from .measurements import MeasurementError, Measurements, are_reversed, check_measurements
 from .replica.playback import replay_scene
 from .replica.replica import Replica

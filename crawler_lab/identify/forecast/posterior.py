@@ -17,6 +17,7 @@ from crawler_model.scene.scene import Scene
 
 from ...sweep.keys import find_path
 from ...sweep.vary import Variations
+from ..judge.verdicts import ENDED
 
 _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""
@@ -25,8 +26,6 @@ _FARTHEST = 20.0
 _CLEAR = 1.25
 """Factor beyond its bound from which on a parameter may stay: at the bound itself forces balance exactly, as where one
 contact held just as much as others slid, and the translation of such a scene is not unique."""
-ENDED = "the fit ended at this bound"
-"""The reason of a bound that was given to the fit; the value at it was fitted."""
 GAIN = "gain"
 """Name among those of the parameters for the error of the gain of the actuators."""
 Interval = tuple[float | None, float | None]

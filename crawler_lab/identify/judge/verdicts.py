@@ -11,11 +11,12 @@ import numpy as np
 from ..fit.fit import Fit
 from ..fit.problem import Problem
 from ..fit.space import Space
-from ..forecast.posterior import ENDED
 from ..sensor.noise import find_quantile, find_rounding
 from .bounds import find_bounds
 
 Verdict = Literal["identified", "ratio", "bound", "not excited"]
+ENDED = "the fit ended at this bound"
+"""The reason of a bound that was given to the fit; the value at it was fitted."""
 _ZERO = 1e-11
 """A column below this part of the largest one is zero."""
 _NULL = 1e-8

@@ -214,7 +214,7 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mappin
 
 def _note_bounds(found: Identification) -> list[str]:
     """Mark the numbers that the measurements only bound."""
-    from ...identify.forecast.posterior import ENDED
+    from ...identify.judge.verdicts import ENDED
 
     bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and ENDED not in p.why]
     return ["Values clear of their bounds, as the measurements only bound these numbers:", *bounded] if bounded else []
