@@ -5,24 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import (
-    CommandError,
-    Crawler,
-    CrawlerError,
-    Posterior,
-    Scene,
-    SceneError,
-    excite,
-    identify,
-    limit_cycle,
-    optimise,
-    pareto,
-    sensitivities,
-    vary,
-)
-from crawler_model.identify.measurements import MeasurementError, Measurements
+from crawler_lab import Posterior, excite, identify, optimise, pareto, sensitivities, vary
+from crawler_lab.identify.measurements import MeasurementError, Measurements
+from crawler_lab.play.session import Session
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError, limit_cycle
 from crawler_model.theory.stasis import StasisDomain, stasis_polygon
-from crawler_play.session import Session
 
 PAIR = {"name": "pair", "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}, "friction": {"isotropic": 1.0}}
 DRIVE = {"drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [1], [0]]}}
@@ -44,7 +31,7 @@ def gap() -> Measurements:
 
 def environments(**more):
     pytest.importorskip("gymnasium")
-    from crawler_gym.vector import CrawlerVectorEnv
+    from crawler_lab.gym.vector import CrawlerVectorEnv
 
     return CrawlerVectorEnv(2, pair(), **more)
 
