@@ -66,3 +66,35 @@ def test_units_are_checked_where_both_ends_are_seen():
     values[25:, 1] = np.nan
     values[:, 2] = 0.0
     check_measurements(SCENE, dataclasses.replace(wrong, values=values))
+
+
+NONE = np.zeros((51, 0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"channels": (), "values": NONE}, "nothing is measured; it must have at least one of contact_0, contact_1"),
+        (
+            {"channels": ("contact_0", "contact_9", "link_1")},
+            "column contact_9 does not belong to measured, which has contact_0",
+        ),
+        ({"channels": ("contact_0", "link_1", "link_1")}, "column link_1 is given twice"),
+        ({"command_names": ("link_0", "link_0")}, "column link_0 is given twice"),
+        (
+            {"command_names": ("link_0", "link_9")},
+            "command/link_9 does not belong to measured, whose commands are link_0, link_1",
+        ),
+        ({"command_names": ("link_0",)}, "no column command/link_1; the commands of all of link_0, link_1 are needed"),
+        (
+            {"command_names": ()},
+            "no commands, and measured has no drive; add the columns command/link_0, command/link_1",
+        ),
+    ],
+)
+def test_columns_that_do_not_fit_the_scene_are_refused(changes, message):
+    found = measured()
+    changes = {"commands": found.commands[:, : len(changes.get("command_names", found.command_names))]} | changes
+    with pytest.raises(MeasurementError) as error:
+        check_measurements(SCENE, dataclasses.replace(found, **changes))
+    assert message in str(error.value)
