@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -22,11 +24,17 @@ def pair(**more) -> Scene:
     return Scene.model_validate(PAIR | more)
 
 
-def gap() -> Measurements:
+def still() -> Measurements:
     time, commands = 0.1 * np.arange(10), np.zeros((10, 1))
-    commands[4] = np.nan
     places = np.column_stack((0.0 * time, 1.0 + 0.0 * time))
     return Measurements("a", time, ("contact_0", "contact_1"), places, ("link_0",), commands, time)
+
+
+def gap() -> Measurements:
+    found = still()
+    commands = np.array(found.commands)
+    commands[4] = np.nan
+    return dataclasses.replace(found, commands=commands)
 
 
 def environments(**more):
@@ -34,6 +42,16 @@ def environments(**more):
     from crawler_lab.gym.vector import CrawlerVectorEnv
 
     return CrawlerVectorEnv(2, pair(), **more)
+
+
+def fit(**bounds):
+    return identify(
+        pair(), [still()], ["friction.isotropic"], bounds={k.replace("_", "."): v for k, v in bounds.items()}
+    )
+
+
+def linked(*links, **more) -> Scene:
+    return pair(body=PAIR["body"] | {"links": list(links)} | more)
 
 
 REFUSED = [
@@ -85,6 +103,41 @@ REFUSED = [
         CommandError,
         "robust: 6 keys; at most 5, as every corner of their box is run",
     ),
+    (lambda: Crawler(pair(**FLAT)).target([[0, 0]], backward=[1, 1]), CommandError, "each contact; omit `backward`"),
+    (lambda: identify(pair(), [], ["friction.isotropic"]), CrawlerError, "no recording; at least one is needed"),
+    (lambda: fit(friction_forward=(0, 1)), CrawlerError, "friction.forward: it is not fitted; fitted are friction.iso"),
+    (lambda: fit(friction_isotropic=(1, 0.5)), CrawlerError, "friction.isotropic: 1 to 0.5; the first must be smaller"),
+    (
+        lambda: optimise(pair(**DRIVE), periods=3),
+        SceneError,
+        "periods: pair has no ground.patches, so that its periods",
+    ),
+    (lambda: optimise(pair(**DRIVE), "turn"), SceneError, "pair does not turn, as it has no `springs: length`"),
+    (lambda: optimise(linked({"passive": {"stiffness": 1}})), SceneError, "are all passive; no command moves it"),
+    (
+        lambda: linked({"stiffness": 1, "between": [0, 1]}, {"stiffness": 1}),
+        SceneError,
+        "body.links.1.between: missing; give it for every link, or for none",
+    ),
+    (
+        lambda: linked({"stiffness": 1}, {"stiffness": 1}),
+        SceneError,
+        "2 entries; the chain of neighbours has 1 link(s)",
+    ),
+    (
+        lambda: linked({"curve": {"elongation": [0, 1], "tension": [0]}}),
+        SceneError,
+        "elongation: 2 knot(s) for 1 value(s) of `tension`; give one each",
+    ),
+    (
+        lambda: linked({"passive": {"stiffness": 1}, "tension": {"most": 1}}),
+        SceneError,
+        "tension: it limits an actuator; give its `stiffness` or `curve`, too",
+    ),
+    (lambda: sensitivities(pair(**DRIVE), ["friction.isotropic"] * 2), SceneError, "friction.isotropic is named twice"),
+    (lambda: vary(pair(), {}), SceneError, "vary: no key; at least one is needed, for example friction.forward"),
+    (lambda: StasisDomain([1.0], [1.0]), ValueError, "shapes (1,) and (1,); a stasis domain needs both values for at"),
+    (lambda: StasisDomain(ONES, ONES).projection(2, 1), ValueError, "sections 2 and 1: they must be increasing and"),
     (
         lambda: Session(pair()).change({"mode": "scene"}),
         CommandError,
