@@ -8,6 +8,7 @@ after P. Gidoni, "Rate-independent soft crawlers", cited as [G].
 from __future__ import annotations
 
 import importlib
+import warnings
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
@@ -70,12 +71,14 @@ _MOVED = (
     "Sensitivities Sensor Variations excite identify optimise pareto predict read_posterior sensitivities "
     "simulate_many vary"
 )
-"""Names that version 0.1.0 had here, and that are now in `crawler_lab`."""
+"""Names that version 0.1.0 had here, and that are now in `crawler_lab`: still found here, with a warning."""
 
 
 def __getattr__(name: str) -> Any:
     if name in _MOVED.split():
-        raise ImportError(f"crawler_model.{name} has moved: from crawler_lab import {name}", name=__name__)
+        where = f"from crawler_lab import {name}"
+        warnings.warn(f"crawler_model.{name} has moved: {where}", DeprecationWarning, stacklevel=2)
+        return getattr(importlib.import_module("crawler_lab"), name)
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = globals()[name] = getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+import crawler_lab
+import crawler_model
+
 ROOT = Path(__file__).parent.parent.parent
 OPTIONAL = ("matplotlib", "mcap", "rosbags", "rclpy")
 
@@ -43,3 +46,10 @@ def test_documented_names_are_importable(module, name):
 
 def test_pages_and_examples_are_read():
     assert {("crawler_model", "simulate"), ("crawler_ros.replay", "analyse")} <= documented()
+
+
+@pytest.mark.parametrize("name", crawler_model._MOVED.split())
+def test_names_of_the_first_release_are_found_with_a_warning(name):
+    with pytest.warns(DeprecationWarning, match=f"from crawler_lab import {name}"):
+        found = getattr(crawler_model, name)
+    assert found is getattr(crawler_lab, name)
