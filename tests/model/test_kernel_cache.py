@@ -169,7 +169,7 @@ def mounted(tmp_path):
     if subprocess.run(mount, capture_output=True).returncode:
         pytest.skip("only root can mount a file system")
     yield folder, lambda: subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
-    subprocess.run(["umount", str(folder)], check=True)
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def test_on_a_full_disk_kernels_stay_in_memory(ask, mounted):
