@@ -69,16 +69,22 @@ app.command("simulate")(simulate_command)
 def check(
     scene: SceneArgument,
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+    mass: Annotated[
+        float | None,
+        typer.Option(help="Mass of each contact, kg, in segments kg/m: is the drive slow enough for it?"),
+    ] = None,
     force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     from crawler_model import load_scene
 
-    from .check import choose_rate, print_report, summarise
+    from .check import choose_rate, print_report, summarise, with_mass
 
     check_output("--png", png, ".png", force)
     loaded = load_scene(scene)
+    if mass is not None:
+        loaded = with_mass(loaded, mass)
     run = run_scene(loaded, None if not loaded.drive.holds else 0.0, choose_rate(loaded), None)
     if png is not None:
         from crawler_pictures.domain import draw_domain

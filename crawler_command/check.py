@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crawler_model import Scene, Trajectory
+from crawler_model import CrawlerError, Scene, Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
@@ -51,6 +51,26 @@ def choose_rate(scene: Scene) -> float:
     return (met or rates[-1:] or [RATE])[0]
 
 
+def with_mass(scene: Scene, mass: float) -> Scene:
+    """Give all contacts of a scene a mass, in segments per length.
+
+    Args:
+        scene: the scene.
+        mass: of each isolated contact [kg], of segments [kg/m].
+
+    Returns:
+        The scene with these masses.
+
+    Raises:
+        CrawlerError: if the mass is negative or not finite.
+    """
+    if not 0.0 <= mass < np.inf:
+        raise CrawlerError(f"--mass: {mass:g} kg; it must be a finite number >= 0")
+    document = scene.document()
+    document["body"]["masses"] = mass
+    return Scene.model_validate(document)
+
+
 def print_report(run: Trajectory, screen: Console) -> None:
     """Print the report.
 
@@ -80,6 +100,8 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
         if body.bends:
             print_limits_of_tension(run, screen)
         print_limits(scene, screen)
+        if run.inertia is not None:
+            screen.print(run.inertia.describe(body))
 
 
 def summarise(run: Trajectory) -> dict[str, Any]:
@@ -111,6 +133,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
         "visited_margin": run.visited_margin,
         "unique": run.unique,
         "per_period": run.per_period.tolist(),
+        "inertia": None if run.inertia is None else run.inertia.summary(),
         "findings": printed.getvalue().splitlines(),
     }
 

@@ -229,6 +229,8 @@ def _print_account(run: Trajectory) -> None:
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
     if run.method == "catch_up" and run.scene.body.dimension == 1 and run.energy.relative_residual > _MISSED:
         screen.print("[yellow]catch_up missed events:[/] the residual shows the error; use exact or a higher rate")
+    if run.inertia is not None:
+        screen.print(run.inertia.describe(run.scene.body))
     if not run.unique:
         screen.print(
             "[yellow]not unique:[/] in some interval the translation was not determined; "

@@ -1,4 +1,4 @@
-"""The ground under a body: the weights of its contacts, the slope, and, on a line, patches of other ground."""
+"""The ground under a body: weights and masses of its contacts, the slope, and, on a line, patches of other ground."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from ..rounding import EPS
 from .directions import unit_directions
 
+GRAVITY = 9.81
+"""Weight of a mass [N/kg]."""
 _NEAR = 16.0 * EPS
 """A contact within this part of the positions that its place follows from stands on a border."""
 
@@ -107,6 +109,7 @@ class Ground:
             variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
         track: patches of other ground; None if the ground is the same everywhere.
+        mass: of each contact, shape (N,) [kg]; None if they are not given.
     """
 
     weight: np.ndarray
@@ -114,6 +117,14 @@ class Ground:
     slope: float
     direction: float | None = None
     track: Track | None = None
+    mass: np.ndarray | None = None
+
+    @property
+    def masses(self) -> np.ndarray | None:
+        """Mass of each contact, as given or from its weight, shape (N,) [kg]; None without either."""
+        if self.mass is not None:
+            return self.mass
+        return self.weight / GRAVITY if self.weight.any() else None
 
     @property
     def has_one_slope(self) -> bool:

@@ -15,6 +15,7 @@ from ..errors import CommandError
 from ..motion.state import SPENT
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
+from .inertia import start_meter
 from .screw import follow_turning, gain_in_frame
 from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
@@ -130,6 +131,7 @@ class _Run:
         self.yaw = np.full(ticks + 1, crawler.yaw)
         self.waypoint_yaw: list[float] = [crawler.yaw]
         self.stability: tuple[float, float] | None = None
+        self.inertia = start_meter(crawler.scene)
 
     @staticmethod
     def energy_of(crawler: Crawler) -> float:
@@ -143,6 +145,9 @@ class _Run:
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size + SPENT))
         step, yaw = self._follow(targets, records, vertex_ns)
         self.total.add(step.account, step.jump_loss)
+        if self.inertia is not None:
+            x = records[:, :width].reshape(-1, *self.x.shape[1:])
+            self.inertia.add(targets, after_ns, vertex_ns, x, [jump.ramp for jump in step.jumps])
         ends = np.searchsorted(vertex_ns, tick_ns)
         for jump in step.jumps:
             self.jump_loss[first + 1 + np.searchsorted(ends, jump.ramp)] += jump.loss
@@ -204,6 +209,8 @@ class _Run:
             way_time = np.array([0.0, self.time_ns[-1] / NS])
             way_x = np.stack((way_x[0], self.x[-1]))
             self.waypoint_yaw.append(float(self.yaw[-1]))
+        if self.inertia is not None and drive.period is None and self.time_ns[-1] >= drive.times[-1] * NS:
+            self.inertia.stop(int(self.time_ns[-1]))
         total = self.total
         margin, when = self.stability or (None, None)
         work, dissipation, loads_work = self.spent.T.copy()
@@ -250,4 +257,5 @@ class _Run:
             unsolved=int(total.unsolved),
             ticks=self.ticks,
             wall_s=time.perf_counter() - began,
+            inertia=None if self.inertia is None else self.inertia.result(),
         )

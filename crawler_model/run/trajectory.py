@@ -16,6 +16,7 @@ from ..crawler.crawler import Method
 from ..notebook import write_html
 from .account import Energy, TickEnergies
 from .arrow import Tabular, load_library
+from .inertia import Inertia
 from .screw import Screw, find_screw
 from .table import ENERGIES, TrajectoryColumns
 
@@ -84,6 +85,7 @@ class Trajectory(Tabular):
         unsolved: number of ramps in which the search for the sliding contacts failed; the certificate shows the error.
         ticks: number of ticks.
         wall_s: wall-clock time of the run [s].
+        inertia: the inertia number; None for a scene without masses and weights.
     """
 
     scene: Plan
@@ -115,6 +117,7 @@ class Trajectory(Tabular):
     unsolved: int
     ticks: int
     wall_s: float
+    inertia: Inertia | None = None
 
     def __repr__(self) -> str:
         """Describe the run in one line."""
@@ -297,6 +300,7 @@ class Trajectory(Tabular):
             "events": self.events,
             "overspent": self.overspent,
             "unsolved": self.unsolved,
+            "inertia": None if self.inertia is None else self.inertia.summary(),
             "ticks": self.ticks,
             "wall_s": self.wall_s,
         }

@@ -13,7 +13,7 @@ from ..body.columns import Columns
 from ..body.ground import Ground, Track
 from ..errors import SceneError
 from .assemble_turning import turning_friction
-from .friction_parts import FrictionPart, SegmentFrictionPart, average
+from .friction_parts import FrictionPart, Numbers, SegmentFrictionPart, average
 from .parts import GroundPart, SceneParts
 
 _RADIANS = math.pi / 180.0
@@ -42,9 +42,11 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
     if np.any(ground.slope != 0.0) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a slope acts on the weight of each contact")
     weight = frozen(_read_weights(parts, body, doubts))
+    masses = parts.body.masses
+    mass = None if masses is None else frozen(_read_each(masses, "body.masses", "a mass", body, doubts))
     follows = _follow_weights(parts, body)
     track = _assemble_track(parts, weight, follows)
-    return Ground(weight, follows, ground.slope * _RADIANS, direction, track)
+    return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass)
 
 
 def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
@@ -87,14 +89,19 @@ def _read_weights(parts: SceneParts, body: Body, doubts: np.ndarray | None) -> n
     """Read the weight of each contact, shape (N,), for variations (M, N) [N]; 0 if the scene has none."""
     if parts.body.weights is None:
         return np.zeros(body.contacts)
+    return _read_each(parts.body.weights, "body.weights", "a weight", body, doubts)
+
+
+def _read_each(values: Numbers, field: str, what: str, body: Body, doubts: np.ndarray | None) -> np.ndarray:
+    """Read what each contact has, and each segment per length, shape (N,), for variations (M, N)."""
     item = "contact(s) and segment" if body.segments else "contact"
-    given = spread(parts.body.weights, body.isolated.size + len(body.segments), "body.weights", item)
-    refuse(given < 0.0, 1, lambda i: f"body.weights: entry {i} is {given[i]:g}; a weight must be >= 0", doubts)
-    weight = np.zeros((*given.shape[:-1], body.contacts))
-    weight[..., body.isolated] = given[..., : body.isolated.size]
+    given = spread(values, body.isolated.size + len(body.segments), field, item)
+    refuse(given < 0.0, 1, lambda i: f"{field}: entry {i} is {given[i]:g}; {what} must be >= 0", doubts)
+    each = np.zeros((*given.shape[:-1], body.contacts))
+    each[..., body.isolated] = given[..., : body.isolated.size]
     for k, segment in enumerate(body.segments, body.isolated.size):
-        weight[..., segment.contacts] = given[..., k : k + 1] * body.ground[segment.contacts]
-    return weight
+        each[..., segment.contacts] = given[..., k : k + 1] * body.ground[segment.contacts]
+    return each
 
 
 def planar_friction(parts: SceneParts) -> np.ndarray:

@@ -49,6 +49,12 @@ class BodyPart(Part):
         "N, N/m",
         minimum=0,
     )
+    masses: Numbers | None = optional(
+        "Mass of each isolated contact (kg), then of each segment (kg/m): one number for all, or one each. Masses "
+        "change no motion; they tell how slow a drive has to be. Default: weight / 9.81, if there are weights.",
+        "kg, kg/m",
+        minimum=0,
+    )
     radius: Numbers | None = optional(
         "Radius of the isolated contacts: one number for all, or one each. `shortest: contact` needs it.",
         "m",

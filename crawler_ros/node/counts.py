@@ -1,4 +1,4 @@
-"""What a simulator counts in a run: ticks that need attention, and jumps."""
+"""What a simulator counts and measures in a run: ticks that need attention, jumps, certificates, inertia."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crawler_model import Scene
 from crawler_model.crawler.step import Step
+from crawler_model.crawler.yields import YieldTimes, start_yield_times
 from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
+from crawler_model.run.inertia import InertiaMeter, start_meter
+
+from .certificates import Certificates, certificates_of
 
 
 @dataclass
@@ -48,3 +53,16 @@ class Counts:
         self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
         self.overspent += int(accounts[:, OVERSPENT].sum())
         self.unsolved += int(accounts[:, UNSOLVED].sum())
+
+
+def start_counts(scene: Scene, method: str) -> tuple[Certificates, Counts, YieldTimes | None, InertiaMeter | None]:
+    """Start to count, at the start of a simulator or at a reset.
+
+    Args:
+        scene: the scene that runs.
+        method: the method by which its ticks are computed.
+
+    Returns:
+        Certificates, counts, and the times of limits of tension and the inertia number, if the scene can have them.
+    """
+    return certificates_of(scene, method), Counts(), start_yield_times(scene.body), start_meter(scene)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
     from crawler_model import Crawler
     from crawler_model.body.plan import Plan
     from crawler_model.crawler.yields import YieldTimes
+    from crawler_model.run.inertia import InertiaMeter
     from crawler_model.theory.regularity import Regularity
 
     from ..viewer.feed import ViewerFeed
@@ -40,6 +41,7 @@ class Diagnosed(Protocol):
     commands: CommandQueue
     crawler: Crawler
     feed: ViewerFeed | None
+    inertia: InertiaMeter | None
     intake: Intake
     lock: AbstractContextManager[Any]
     lock_step: bool
@@ -123,6 +125,24 @@ def _stability(node: Diagnosed) -> list[tuple[str, str]]:
     ]
 
 
+def _inertia(node: Diagnosed) -> list[tuple[str, str]]:
+    """Write the largest inertia number since the start or the last reset, if the scene has masses or weights."""
+    if node.inertia is None:
+        return []
+    found = node.inertia.result()
+    where = "nowhere"
+    if found.contact is not None:
+        where = f"{node.scene.body.name_of(found.contact)} at {found.time:.9f} s"
+    means = "not to be predicted"
+    if found.deviation is not None:
+        means = f"{found.deviation[0]:.3e} (well damped) to {found.deviation[1]:.3e} (undamped)"
+    return [
+        ("inertia number", f"{found.number:.6g}"),
+        ("inertia number found", where),
+        ("relative deviation of the gain by inertia", means),
+    ]
+
+
 def _pace(node: Diagnosed) -> list[tuple[str, str]]:
     """Write how fast simulated time passes and how far it lags; in lock-step no clock sets a pace."""
     if node.lock_step:
@@ -197,6 +217,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             *_orientation(node),
             *_jumps_and_refusals(node),
             *_stability(node),
+            *_inertia(node),
             ("largest energy residual of a tick [J]", residual),
             ("largest violation of a bound [N]", violation),
             ("largest complementarity [J]", complementarity),

@@ -15,7 +15,6 @@ from rclpy.experimental.events_executor import EventsExecutor
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.ticks import runs_in_one_call
-from crawler_model.crawler.yields import start_yield_times
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
@@ -24,9 +23,9 @@ from ..viewer.frames import time_jumps
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .ahead import Ahead, compile_ticks
-from .certificates import certificates_of
-from .counts import Counts
+from .counts import start_counts
 from .diagnostics import diagnose
+from .inertia import add_tick, add_ticks
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
@@ -74,8 +73,7 @@ class Simulator(QuietNode):
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
-        self.certificates = certificates_of(self.scene, self.crawler.method)
-        self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
+        self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
         self.reported = (0, 0, 0, 0, 0)
         self.reported_commands = (0, 0, 0, 0, 0)
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
@@ -158,8 +156,7 @@ class Simulator(QuietNode):
             self.crawler = self.start.copy()
             self.stepper.reset(time.monotonic_ns())
             self.commands.reset(self.start.row)
-            self.certificates = certificates_of(self.scene, self.crawler.method)
-            self.counts, self.yields = Counts(), start_yield_times(self.scene.body)
+            self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
             self.reported, self.reported_commands = (0, 0, 0, self.reported[3], 0), (*self.reported_commands[:4], 0)
             self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
@@ -301,6 +298,7 @@ class Simulator(QuietNode):
         self.counts.add(step, self.crawler.stability_margin)
         if self.yields is not None:
             self.yields.add(self.crawler, end_ns - start_ns)
+        add_tick(self.inertia, self.crawler, step, vertices, (start_ns, end_ns))
 
     def _run_ahead(self) -> bool:
         """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
@@ -314,6 +312,7 @@ class Simulator(QuietNode):
         ends = ends[: taken.first.size - 1]
         accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends, self.yields)
         self.stepper.finish(len(accounts))
+        add_ticks(self.inertia, self.columns, taken, start_ns, ends)
         self.certificates.add_many(accounts)
         self.counts.add_many(accounts)
         return True
