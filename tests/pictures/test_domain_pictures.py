@@ -18,6 +18,8 @@ from crawler_pictures.domain_panels import forces_in_frames
 from crawler_pictures.domain_text import last_period, simulated
 from crawler_pictures.domain_two import draw_two
 
+from ..golden_pictures import GOLDEN, words_of_figures
+
 FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
 
 DOMAIN_OF_A_POINT = (247, 234, 233)
@@ -174,3 +176,13 @@ def test_loads_move_the_domain_and_can_turn_the_way_that_it_allows(contacts, dri
     assert count(picture, BACK) > 500
     assert count(picture, FORWARD) > 200
     assert count(drawn(level, tmp_path), BACK) < count(picture, BACK)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["two_contacts_anisotropic", "two_anchor_a", "three_contacts_two_ways", "ten_contact_wave", "planar_three_points"],
+)
+def test_the_words_of_a_page_are_those_that_were_read(name, tmp_path):
+    with words_of_figures() as words:
+        draw_domain(load_scene(name), tmp_path / "d.png")
+    assert words == [(GOLDEN / f"domain_{name}.txt").read_text("utf-8")]

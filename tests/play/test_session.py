@@ -96,6 +96,21 @@ def test_what_was_undone_is_forgotten_only_by_a_new_tick():
     assert session.crawler == Crawler(session.scene)
 
 
+@pytest.mark.parametrize("steps", [0, 1, 2, 3])
+def test_a_change_is_undone_with_all_ticks_that_followed_it(steps):
+    session = Session(load_scene("two_anchor_a"))
+    session.change({"mode": "hand"})
+    for length in (1.0, 3.0):
+        session.change({"set": {"link_0": length}})
+        for _ in range(steps):
+            session.step()
+    assert session.now == 2 * (1 + steps)
+    session.undo()
+    assert (session.now, session.settings.hand[0]) == (1 + steps, 1.0)
+    session.undo()
+    assert session.now == 0
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_a_link_reproduces_the_state_to_the_bit(name):
     session = play(name)
