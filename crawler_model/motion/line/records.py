@@ -123,6 +123,8 @@ STRAY = np.dtype(
         ("faster", _FLOAT),  # likewise, > 0 [m]
         ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
         ("most", _FLOAT),  # to where [m]
+        ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
+        ("kept_most", _FLOAT),  # likewise, of `most` [m]
     ],
     align=True,
 )

@@ -45,6 +45,17 @@ def test_a_motor_that_stalls_as_a_ramp_ends_leaves_the_next_one_open(contacts, p
     assert step.translation_interval == pytest.approx((-0.5 / contacts, 0.0), abs=1e-14)
 
 
+@pytest.mark.parametrize("end", [0.75, 0.5, 0.25, 0.0])
+@pytest.mark.parametrize("contacts", [2, 3, build.FEW_CONTACTS + 1])
+def test_a_contact_that_followed_stays_there_as_the_command_returns(contacts, end):
+    """Where it had not followed, the motor is no longer at its limit; friction holds the contact in both places."""
+    crawler = stalling(contacts)
+    still = [0.0] * (contacts - 2)
+    step = crawler.follow(np.array([crawler.target([1.0, *still]), crawler.target([end, *still])]))
+    assert not step.unique
+    assert step.translation_interval == pytest.approx((-0.5 / contacts, 0.0), abs=1e-14)
+
+
 def run(document: dict[str, Any], parts: int = 1) -> list[tuple[np.ndarray, Step]]:
     """Follow a drive, each of its ramps in so many equal parts of one call: displacements and steps."""
     crawler = Crawler(Scene.model_validate(document))
@@ -124,3 +135,24 @@ def test_looking_only_where_rates_are_new_changes_nothing(first, monkeypatch):
         monkeypatch.setattr(build, "FEW_CONTACTS", 256)
         several += compare([document], lean)
     assert several > 10
+
+
+@pytest.mark.parametrize("first", range(0, 250, 50))
+def test_the_motions_of_a_ramp_in_parts_lie_within_its_interval(first):
+    """Each part of a ramp chooses anew: one motion of several comes to a taut spring before the others."""
+    several = 0
+    for document in random_bodies(first, 50):
+        try:
+            runs = {parts: run(document, parts) for parts in (1, 3, 64)}
+        except CommandError:  # loads that nothing holds
+            continue
+        k = next((k for k, (_, step) in enumerate(runs[1]) if not step.unique), None)
+        if k is None:
+            continue
+        several += 1
+        gains = [np.mean(ramps[k][0] - (ramps[k - 1][0] if k else 0.0)) for ramps in runs.values()]
+        for ramps in runs.values():
+            least, most = ramps[k][1].translation_interval
+            assert least - 1e-9 <= min(gains)
+            assert max(gains) <= most + 1e-9
+    assert several > 2

@@ -3,6 +3,9 @@
 While the translation of a part is free, other motions may leave the chosen one, as fast as friction admits, but not
 further than the slack of flat springs: several stretches, and several ramps, share one slack. So it lasts from ramp to
 ramp of a call how far each contact may lie from where it is. All contacts are there together at the least, or the most.
+
+Where the spring of a contact that lies further back becomes stiff, friction still holds the contact there. Only as the
+contact slides forward in the chosen motion does such a spring pull it along in the other ones; likewise backwards.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ def begin_interval(curves, ramp):
     if curves is not None:
         for i in range(curves.strays.shape[0]):
             stray = curves.strays[i]
-            stray.slower = stray.faster = stray.least = stray.most = 0.0
+            stray.slower = stray.faster = stray.least = stray.most = stray.kept_least = stray.kept_most = 0.0
 
 
 @lean
@@ -42,34 +45,40 @@ def let_stray(block, curves, ramp, slower, faster):
 
 @inlined
 def _find_slack(contacts, spring, curves, ramp, ds):
-    """Find how far a spring may shrink and grow without a change of its tension, `ds` after s."""
+    """Find how far a spring may shrink and grow without a change of its tension at s or `ds` after it.
+
+    Other motions may have used the slack before the chosen one has none left, and friction then holds them there.
+    """
     if not is_flat(spring, curves):
         return 0.0, 0.0
     bend = curves.bends[spring.bend]
     z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
-    z += ds * stretch
-    u = z - (length + ds * change)
+    u, rate = z - length, stretch - change
     actuator, passive = curves.pieces[bend.actuator], curves.pieces[bend.passive]
-    low, high = max(actuator.begin - u, passive.begin - z), min(actuator.end - u, passive.end - z)
-    return min(low, 0.0), max(high, 0.0)
+    low = min(max(actuator.begin - u, passive.begin - z), 0.0)
+    high = max(min(actuator.end - u, passive.end - z), 0.0)
+    z, u = z + ds * stretch, u + ds * rate
+    low = min(max(actuator.begin - u, passive.begin - z), low)
+    return low, max(min(actuator.end - u, passive.end - z), high)
 
 
 @inlined
 def _tie(contacts, spring, curves, ramp, ds):
-    """Let the two contacts of a spring stray no further from each other than its slack; returns whether that counts."""
+    """Let the two contacts of a spring stray no further from each other than its slack, but for what is kept.
+
+    Returns:
+        Whether that counts.
+    """
     a, b = curves.strays[spring.a], curves.strays[spring.b]
     if a.least == b.least and a.most == b.most:
         return False
     low, high = _find_slack(contacts, spring, curves, ramp, ds)
-    tied = False
-    if b.least < a.least + low:
-        b.least, tied = a.least + low, True
-    if a.least < b.least - high:
-        a.least, tied = b.least - high, True
-    if b.most > a.most + high:
-        b.most, tied = a.most + high, True
-    if a.most > b.most - low:
-        a.most, tied = b.most - low, True
+    least, most = min(a.least + low, b.kept_least), max(a.most + high, b.kept_most)
+    tied = b.least < least or b.most > most
+    b.least, b.most = max(b.least, least), min(b.most, most)
+    least, most = min(b.least - high, a.kept_least), max(b.most - low, a.kept_most)
+    tied = tied or a.least < least or a.most > most
+    a.least, a.most = max(a.least, least), min(a.most, most)
     return tied
 
 
@@ -85,7 +94,9 @@ def follow_strays(contacts, springs, curves, ramp, until, lasts):
         return
     ds = until - ramp.s
     for i in range(curves.strays.shape[0]):
-        stray = curves.strays[i]
+        stray, v = curves.strays[i], contacts[i].v
+        stray.kept_least = 0.0 if ds * v > 0.0 else stray.least
+        stray.kept_most = 0.0 if ds * v < 0.0 else stray.most
         if lasts:
             stray.least += ds * stray.slower
             stray.most += ds * stray.faster
