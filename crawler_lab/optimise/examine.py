@@ -63,27 +63,34 @@ def settle(space: Space, found: Found, limit: TimeLimit) -> tuple[Found, tuple[b
         a time moved between its bounds, shape (P, samples), as for `landscape.profile`.
     """
     evaluator = Evaluator(space, limit.over, found.evaluations)
-    found.point = space.canonical(found.point)
     try:
         while True:
+            _begin_first(evaluator, found)
             near, places = _near_moves(space, found.point), profile_points(space, found.point)
-            points = [found.point, *(point for _, point in near), *places.reshape(-1, space.size)]
+            points = [*(point for _, point in near), *places.reshape(-1, space.size)]
             regimes = evaluator.regimes(points)
             scores = np.array([-math.inf if one is None else space.score(one) for one in regimes])
             best = int(best_first(scores)[0])
             if not improves(float(scores[best]), found.score):
                 break
             found.point, found.score = improve(evaluator, points[best], float(scores[best]), limit.over)
-            found.point = space.canonical(found.point)
             found.found_after_s = clock() - limit.began
             found.optima.insert(0, (found.score, found.point.copy()))
     finally:
         evaluator.close()
         found.evaluations = evaluator.evaluations
-    beside = zip(near, scores[1:], strict=False)
+    beside = zip(near, scores, strict=False)
     flat = {i for (i, _), score in beside if abs(score - found.score) <= _FLAT * abs(found.score)}
-    values = [math.nan if one is None else value_inside(space, one) for one in regimes[1 + len(near) :]]
+    values = [math.nan if one is None else value_inside(space, one) for one in regimes[len(near) :]]
     return found, tuple(i in flat for i in range(space.size)), np.array(values).reshape(places.shape[:2])
+
+
+def _begin_first(evaluator: Evaluator, found: Found) -> None:
+    """Let a period begin at the waypoint at which equal gaits do, unless its score is then less, as in the plane."""
+    point = evaluator.space.canonical(found.point)
+    score = float(evaluator.scores([point])[0])
+    if score > -math.inf and not improves(found.score, score):
+        found.point, found.score = point, score
 
 
 def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit) -> Optimum:
@@ -112,13 +119,12 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
     others = [
         (score, other)
         for score, other in found.optima
-        if score > -WORST and not np.allclose(space.canonical(other), point, atol=1e-3)
+        if score > -WORST and not np.allclose(space.canonical(other), space.canonical(point), atol=1e-3)
     ]
     shown = itertools.takewhile(lambda _: not limit.over(), others[:_ALTERNATIVES])
     alternatives = [_alternative(unknowns, space, other) for _, other in shown]
     flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, is_flat))
     as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
-    keys = itertools.takewhile(lambda _: not limit.over(), request.robust or ())
     return Optimum(
         goal.objective,
         value,
@@ -141,7 +147,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
         tuple(one for one in alternatives if not math.isnan(one.value)),
         flat,
         not (as_good or flat or math.isnan(value) or limit.over()),
-        tuple(_find_weakness(space, unknowns, key, point) for key in keys),
+        _find_weaknesses(unknowns, space, point, request, limit),
         space,
         point,
         request.seed,
@@ -243,11 +249,25 @@ def _active_bounds(unknowns: Unknowns, space: Space, point: np.ndarray, regime: 
     return tuple(found)
 
 
-def _find_weakness(space: Space, unknowns: Unknowns, key: str, point: np.ndarray) -> Weakness:
+def _find_weaknesses(
+    unknowns: Unknowns, space: Space, point: np.ndarray, request: Request, limit: TimeLimit
+) -> tuple[Weakness, ...]:
+    """Find where a gait fails, number by number, while time is left."""
+    found = []
+    try:
+        for key in request.robust or ():
+            found.append(_find_weakness(space, unknowns, key, point, limit))
+    except OutOfTime:
+        pass
+    return tuple(found)
+
+
+def _find_weakness(space: Space, unknowns: Unknowns, key: str, point: np.ndarray, limit: TimeLimit) -> Weakness:
     """Find the factors of a number at which a gait no longer moves as it should."""
     goal = space.goal
 
     def moves(factor: float) -> bool:
+        limit.check()
         try:
             regime = _find_regime(space, with_numbers(unknowns, {key: factor}), point)
         except CrawlerError:

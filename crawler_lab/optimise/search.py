@@ -81,7 +81,7 @@ def search(
     finally:
         run.evaluator.close()
     point, score, when = run.evaluator.best
-    if run.found.interrupted and score > -np.inf:
+    if score > -np.inf:
         run.note(point, score, when)
     run.found.evaluations = run.evaluator.evaluations
     return run.found

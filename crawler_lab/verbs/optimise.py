@@ -131,7 +131,8 @@ _Period = Annotated[
 _Seconds = Annotated[
     float | None,
     typer.Option(
-        help="Time to search, s, to its end; to examine the gait comes on top. The result depends on the machine."
+        help="Time limit, s, compiling aside; it covers the examination and the picture. The result depends on the "
+        "machine."
     ),
 ]
 _Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("cma")
 
 from crawler_lab import optimise, pareto
+from crawler_lab.optimise import search
 from crawler_lab.optimise.space import Evaluator
 from crawler_model import CrawlerError, Scene, load_scene, simulate
 
@@ -50,7 +51,7 @@ def test_without_a_cost_of_transport_nothing_is_compared_with_it():
     assert not still.unique
 
 
-def test_of_a_slow_body_the_rest_of_the_transient_is_told_and_does_not_hide_the_cost():
+def test_of_a_slow_body_the_rest_of_the_transient_is_told_and_does_not_hide_the_cost(monkeypatch):
     """Its tensions change for more than a hundred periods: those of the search end before."""
     rows = np.zeros((3, 7, 2))
     rows[1, 0], rows[1, 6], rows[2, 3] = (0.02, 0.0), (0.02, 0.01), (0.02, 0.01)
@@ -64,7 +65,8 @@ def test_of_a_slow_body_the_rest_of_the_transient_is_told_and_does_not_hide_the_
         "drive": {"times": [0.0, 0.33, 0.66], "period": 1.0, "actuation": rows.tolist()},
     }
     scene = Scene.model_validate(document)
-    found = optimise(scene, free={"drive.actuation[1][0][0]": (0.0199, 0.0201)}, seconds=1.0)
+    monkeypatch.setattr(search, "MOST_EVALUATIONS", 20)
+    found = optimise(scene, free={"drive.actuation[1][0][0]": (0.0199, 0.0201)})
     run = simulate(found.scene, 200.0, 1.0)
     apart = np.linalg.norm(run.per_period[-1] - np.array(found.motion))
     assert apart <= found.transient_left + 1e-8 < 1e-5
