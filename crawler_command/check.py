@@ -19,7 +19,7 @@ from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_pictures.numbers import error_of, write_length
 
-from .loads_report import print_holding, print_limits
+from .loads_report import print_holding, print_limits, print_pushes
 from .screen import Screen
 from .springs_report import print_largest_force, print_limits_of_tension
 from .turning_report import print_turning
@@ -85,7 +85,7 @@ def print_report(run: Trajectory, screen: Console) -> None:
 
 def _print_findings(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
-    if scene.ground.track is not None:
+    if scene.ground.track is not None and scene.ground.track.borders.size:
         screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
     if body.dimension == 1:
         screen.print(_direction(run))
@@ -99,6 +99,7 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
         print_largest_force(run, screen)
         if body.bends:
             print_limits_of_tension(run, screen)
+        print_pushes(run, screen)
         print_limits(scene, screen)
         if run.inertia is not None:
             screen.print(run.inertia.describe(body))

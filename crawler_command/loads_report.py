@@ -107,6 +107,30 @@ def _describe_tilt(scene: Plan, tilt: Tilt, direction: str) -> str:
     )
 
 
+def print_pushes(run: Trajectory, screen: Console) -> None:
+    """Print how hard the drive pushes contacts against each wall, at its waypoints.
+
+    Args:
+        run: the run of the scene along its drive; nothing is printed without walls.
+        screen: the console to print to.
+    """
+    track = run.scene.ground.track
+    if track is None or track.walls is None:
+        return
+    walls = np.unique(track.walls.index[track.walls.index >= 0])
+    for wall in walls.tolist():
+        pushes = [push for push in run.wall_push if push.wall == wall]
+        at = float(track.walls.place[track.walls.index == wall][0])
+        if not pushes:
+            screen.print(f"wall {wall} at {at:g} m: no contact stands at it at a waypoint of the drive")
+            continue
+        hardest = max(pushes, key=lambda push: (push.least, push.most))
+        screen.print(
+            f"wall {wall} at {at:g} m: {run.scene.body.name_of(hardest.contact)} pushes it hardest at "
+            f"{hardest.time:g} s, by {hardest.least:.6g} to {hardest.most:.6g} N; what friction holds is not determined"
+        )
+
+
 def print_limits(scene: Plan, screen: Console) -> None:
     """Print the steepest slope and the largest tow on the last contact against which a period gains.
 
@@ -115,6 +139,9 @@ def print_limits(scene: Plan, screen: Console) -> None:
         screen: the console to print to.
     """
     if scene.drive.holds or scene.drive.period is None or scene.body.turning is not None:
+        return
+    if scene.ground.track is not None and scene.ground.track.walls is not None:
+        screen.print("steepest slope and largest tow at which a period still gains: walls end the travel")
         return
     if scene.body.dimension == 2:
         screen.print(

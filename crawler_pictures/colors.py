@@ -13,6 +13,8 @@ BAND, BOUND = "#f1efe9", "#8f8878"
 TENSION, ACTUATION = "#2f5fc4", "#e08a1e"
 JUMP = "#9b2fae"
 """Jumps of contacts onto ground that holds less."""
+WALL = "#5b4636"
+"""Walls on the track."""
 STALLED = "#e6007e"
 """Links whose actuator stalls; those that are slack are grey and sag."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")

@@ -13,7 +13,7 @@ from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.run.trajectory import TimedJump
 
-from .colors import JUMP
+from .colors import JUMP, WALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,6 +122,30 @@ def _choose_color(forward: float, backward: float) -> str:
     if least == most == 1.0:
         return _SLOPED
     return _SOFTER if most <= 1.0 else _HARDER if least >= 1.0 else _MIXED
+
+
+def draw_walls(axis: Axes, scene: Scene) -> None:
+    """Draw each wall as a line, with the direction of the contacts that it stops.
+
+    Args:
+        axis: positions on the track over time.
+        scene: the scene.
+    """
+    for wall in () if scene.parts.ground is None else scene.parts.ground.walls:
+        axis.axhline(wall.at, color=WALL, linewidth=2.0, zorder=1)
+        arrow, side = ("↑", "top") if wall.stops == "forward" else ("↓", "bottom")
+        where = (axis.get_xlim()[1], wall.at)
+        axis.annotate(
+            f"wall {arrow}",
+            where,
+            (-4, -2 if side == "top" else 2),
+            fontsize=8,
+            ha="right",
+            va=side,
+            textcoords="offset points",
+            zorder=5,
+            clip_on=True,
+        )
 
 
 def draw_jumps(axis: Axes, jumps: Sequence[TimedJump]) -> None:

@@ -263,12 +263,13 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, or patches of ground.
+        SceneError: if it has no drive, or patches of ground or walls.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
     if scene.ground.track is not None:
-        raise SceneError(f"{caller}: {scene.name} has ground.patches; derivatives across jumps are not implemented")
+        what = "across jumps" if scene.ground.track.borders.size else "of paths that end at walls"
+        raise SceneError(f"{caller}: {scene.name} has {scene.ground.track.key}; derivatives {what} are not implemented")
 
 
 def _at_fixed_times(

@@ -134,7 +134,7 @@ def excite(
         if not (math.isfinite(number) and number > 0.0):
             raise CrawlerError(f"excite: {name}: {number:g}; it must be > 0")
     if not scene.has_exact_derivatives:
-        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
+        where = "is in the plane" if scene.ground.track is None else f"has {scene.ground.track.key}"
         raise CrawlerError(
             f"excite: {scene.name} {where}, where paths have no exact derivatives; record any drive in which all "
             "contacts slide, and identify fits it"

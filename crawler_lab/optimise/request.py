@@ -105,7 +105,7 @@ def _check_kind(scene: Scene, request: Request) -> None:
         if turns and getattr(request, name):
             raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
     if request.tension and not scene.has_exact_derivatives:
-        where = "is in the plane" if scene.dimension == 2 else "has ground.patches"
+        where = "is in the plane" if scene.ground.track is None else f"has {scene.ground.track.key}"
         raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
     _check_towards_and_periods(scene, request.towards, request.periods)
     if (target is not None) != (objective == SCREW):
@@ -128,8 +128,8 @@ def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -
             raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
     if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):
         raise SceneError(
-            f"start.displacement: {scene.name} has ground.patches, where gaits are sought from a relaxed start; "
-            "leave it out, and move body.contacts instead"
+            f"start.displacement: {scene.name} has {scene.ground.track.key}, where gaits are sought from a relaxed "
+            "start; leave it out, and move body.contacts instead"
         )
 
 

@@ -202,7 +202,7 @@ def shares_mesh(scene: Scene, paths: Sequence[KeyPath]) -> bool:
         False if some of these change more than numbers of the arrays.
     """
     parts = scene.parts
-    if parts.dimension == 2 or (parts.ground is not None and parts.ground.patches) or parts.body.is_bent:
+    if parts.dimension == 2 or (parts.ground is not None and parts.ground.varies) or parts.body.is_bent:
         return False
     return all(keeps_mesh(path) and _is_plain(path) for path in paths)
 

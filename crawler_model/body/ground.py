@@ -1,4 +1,4 @@
-"""The ground under a body: weights and masses of its contacts, the slope, and, on a line, patches of other ground."""
+"""The ground under a body: weights and masses of its contacts, the slope and, on a line, patches and walls."""
 
 from __future__ import annotations
 
@@ -16,8 +16,39 @@ _NEAR = 16.0 * EPS
 
 
 @dataclass(frozen=True, eq=False)
+class Walls:
+    """The walls that stop each contact; the first row of each array is of those ahead, the second of those behind.
+
+    Attributes:
+        place: the nearest wall, infinite where there is none, shape (2, N) [m].
+        index: its number in the scene, -1 where there is none, shape (2, N).
+    """
+
+    place: np.ndarray
+    index: np.ndarray
+
+    def find_rooms(self, position: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Compute how far contacts are from their walls; within rounding of a wall they are at it.
+
+        Args:
+            position: reference positions xi, shape (N,) [m].
+            x: displacement, shape (..., N) [m].
+
+        Returns:
+            Distances ahead and behind, < 0 beyond a wall, shape (2, ..., N) [m].
+        """
+        at = position + x
+        rooms = []
+        for wall, sign in zip(self.place, (1.0, -1.0), strict=True):
+            room = sign * (wall - at)
+            near = _NEAR * (np.abs(position) + np.abs(x) + np.where(np.isfinite(wall), np.abs(wall), 0.0))
+            rooms.append(np.where(np.abs(room) <= near, 0.0, room))
+        return np.array(rooms)
+
+
+@dataclass(frozen=True, eq=False)
 class Track:
-    """Ground that changes with place: M borders divide the track into M + 1 stretches.
+    """Ground that changes with place: M borders divide the track into M + 1 stretches, and walls end it.
 
     The *place* of a contact is 2 j on stretch j, and 2 j + 1 on the border between stretches j and j + 1. On a border
     the forward bound is that of the stretch ahead, the backward bound that of the stretch behind.
@@ -29,6 +60,7 @@ class Track:
         rise: sine of the slope of each stretch less that of the track, shape (M + 1,).
         follows: whether the friction of each contact follows from its weight, shape (N,).
         weight: of each contact, shape (N,) [N].
+        walls: the walls; None without any.
     """
 
     borders: np.ndarray
@@ -37,6 +69,12 @@ class Track:
     rise: np.ndarray
     follows: np.ndarray
     weight: np.ndarray
+    walls: Walls | None = None
+
+    @property
+    def key(self) -> str:
+        """The key of the scene file that makes the ground differ from place to place."""
+        return "ground.patches" if self.borders.size else "ground.walls"
 
     @property
     def factor(self) -> np.ndarray:
@@ -60,6 +98,8 @@ class Track:
             Shape (N,), int64.
         """
         at = position + x
+        if not self.borders.size:
+            return np.zeros(at.shape, np.int64)
         stretch = np.searchsorted(self.borders, at)
         behind, ahead = np.maximum(stretch - 1, 0), np.minimum(stretch, self.borders.size - 1)
         nearest = np.where(np.abs(at - self.borders[behind]) <= np.abs(at - self.borders[ahead]), behind, ahead)
@@ -108,7 +148,7 @@ class Ground:
         slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`; shape (M, 1) for
             variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
-        track: patches of other ground; None if the ground is the same everywhere.
+        track: patches of other ground and walls; None if the ground is the same everywhere.
         mass: of each contact, shape (N,) [kg]; None if they are not given.
     """
 

@@ -364,9 +364,13 @@ def choose_method(scene: Plan, method: str | None) -> Method:
     if method not in METHODS:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
     if method not in offered and method == "catch_up":
-        raise CommandError(
-            "method: catch_up steps over the borders of ground.patches instead of meeting them; use exact"
+        patched = scene.ground.track is not None and scene.ground.track.borders.size
+        passed = (
+            "over the borders of ground.patches instead of meeting"
+            if patched
+            else "through ground.walls instead of stopping at"
         )
+        raise CommandError(f"method: catch_up steps {passed} them; use exact")
     if method not in offered:
         raise CommandError(
             "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "

@@ -111,7 +111,7 @@ def limit_cycle(
     if drive.period is None or drive.holds:
         raise CommandError(f"limit_cycle: {scene.name} has no drive with a period")
     if scene.ground.track is not None:
-        raise CommandError("limit_cycle: on ground.patches periods differ from place to place")
+        raise CommandError(f"limit_cycle: on {scene.ground.track.key} periods differ from place to place")
     if not tolerance > 0.0:
         raise CommandError(f"limit_cycle: tolerance {tolerance:g}; it must be > 0")
     if not most_periods >= 1:

@@ -88,8 +88,8 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
         The limit; its value is a slope [rad].
 
     Raises:
-        CommandError: if the scene has no weights, no periodic drive, no equilibrium on level ground, or patches with
-            slopes of their own.
+        CommandError: if the scene has no weights, no periodic drive, no equilibrium on level ground, walls, or patches
+            with slopes of their own.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "steepest_climb")
@@ -124,7 +124,7 @@ def largest_tow(
         The limit; its value is a force [N].
 
     Raises:
-        CommandError: if the scene has no periodic drive, or no such contact.
+        CommandError: if the scene has no periodic drive, no such contact, or walls.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "largest_tow")
@@ -150,6 +150,8 @@ class _Search:
             raise CommandError(f"{call}: only for bodies on a line; {scene.name} lies in the plane")
         if scene.drive.period is None or scene.drive.holds:
             raise CommandError(f"{call}: {scene.name} has no drive with a period")
+        if scene.ground.track is not None and scene.ground.track.walls is not None:
+            raise CommandError(f"{call}: {scene.name} has ground.walls, which end its travel; see the push on them")
         self.scene, self.progress = scene, progress
         drive, n = scene.drive, scene.body.contacts
         self.targets = drive.targets[drive.times < drive.period]

@@ -19,6 +19,7 @@ from .inertia import start_meter
 from .screw import follow_turning, gain_in_frame
 from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
+from .walls import find_pushes
 
 _CHUNK = 4096
 _MOST_SAMPLES = 100_000_000
@@ -126,6 +127,8 @@ class _Run:
         self.stored[0] = self.energy_of(crawler)
         self.peak = abs(self.stored[0])
         self.jumps: list[TimedJump] = []
+        start = crawler.scene.drive.targets[:1]
+        self.wall_push = find_pushes(crawler.scene, np.zeros(1), self.x[:1], self.tension[:1], start)
         self.spent = np.zeros((ticks + 1, SPENT))
         self.jump_loss = np.zeros(ticks + 1)
         self.yaw = np.full(ticks + 1, crawler.yaw)
@@ -166,6 +169,8 @@ class _Run:
         self.yaw[rows] = yaw[ends]
         self.tension[rows] = tension[ends]
         self.spent[rows] = np.diff(records[ends, -SPENT:], axis=0, prepend=0.0)
+        way = at[vertex_ns[at] > 0]
+        self.wall_push += find_pushes(self.crawler.scene, vertex_ns[way] / NS, x[way], tension[way], targets[way])
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
         self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
         self.last = (x[-1].copy(), rest[-1].copy())
@@ -245,6 +250,7 @@ class _Run:
             ),
             energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, self.stored),
             jumps=tuple(self.jumps),
+            wall_push=tuple(self.wall_push),
             stability_margin=margin,
             stability_time=when,
             violation=float(total.violation),

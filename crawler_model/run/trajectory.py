@@ -19,6 +19,7 @@ from .arrow import Tabular, load_library
 from .inertia import Inertia
 from .screw import Screw, find_screw
 from .table import ENERGIES, TrajectoryColumns
+from .walls import WallPush
 
 _NUMBERS, _FEWEST_ROWS = 4_000_000, 128
 """Numbers in a batch, and rows in a batch of a wide table: each batch of a file describes all columns again."""
@@ -71,6 +72,7 @@ class Trajectory(Tabular):
         energies: energies by tick.
         jumps: contacts that crossed a border onto ground that holds less, or where a body that turns lost its
             stability, in order; `Step.jumps` with times.
+        wall_push: what contacts at walls push, at the start and at each waypoint, in order.
         stability_margin: of a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None,
             and where no command changed.
         stability_time: end of the ramp on which it was least [s]; None likewise.
@@ -105,6 +107,7 @@ class Trajectory(Tabular):
     energy: Energy
     energies: TickEnergies
     jumps: tuple[TimedJump, ...]
+    wall_push: tuple[WallPush, ...]
     stability_margin: float | None
     stability_time: float | None
     violation: float
@@ -292,6 +295,7 @@ class Trajectory(Tabular):
             "loads_work": energy.loads_work,
             "jumps": [dataclasses.asdict(jump) for jump in self.jumps],
             "jump_loss": energy.jump_loss,
+            "wall_push": [dataclasses.asdict(push) for push in self.wall_push],
             "violation": self.violation,
             "unique": self.unique,
             "uniqueness_margin": self.uniqueness_margin,

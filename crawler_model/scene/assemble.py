@@ -129,9 +129,10 @@ def _check_planar(parts: SceneParts) -> None:
     rows = None if drive is None or turns else drive.friction
     if isinstance(rows, FrictionRowsPart) and rows.isotropic is None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
-    if parts.ground is not None and parts.ground.patches:
+    if parts.ground is not None and parts.ground.varies:
+        what, passed = ("patches", "borders") if parts.ground.patches else ("walls", "walls")
         raise SceneError(
-            "ground.patches: only on a line; in the plane paths are followed in steps, which would pass over borders"
+            f"ground.{what}: only on a line; in the plane paths are followed in steps, which would pass over {passed}"
         )
     if friction is not None and friction.given.directions is not None:
         check_directions(
@@ -165,10 +166,10 @@ def _describe(segment: SegmentPart) -> dict[str, Any]:
 def _count(parts: SceneParts, place: int) -> int:
     """Find the number of elements that a segment needs for its accuracy under the drive of the scene.
 
-    Patches are left out: with them the periods differ from each other, and so do their errors.
+    Patches and walls are left out: with them the periods differ from each other, and so do their errors.
     """
-    if parts.ground is not None and parts.ground.patches:
-        parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": ()})})
+    if parts.ground is not None and parts.ground.varies:
+        parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": (), "walls": ()})})
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None

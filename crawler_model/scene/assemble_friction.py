@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
-from ..body.ground import Ground, Track
+from ..body.ground import Ground, Track, Walls
 from ..errors import SceneError
 from .assemble_turning import turning_friction
 from .friction_parts import FrictionPart, Numbers, SegmentFrictionPart, average
@@ -31,7 +31,8 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
         The ground.
 
     Raises:
-        SceneError: if a slope has no weights to act on, a weight is negative, or a slope on a line has a direction.
+        SceneError: if a slope has no weights to act on, a weight is negative, a slope on a line has a direction, or
+            walls leave a contact no place.
     """
     ground = parts.ground or GroundPart()
     direction = ground.direction
@@ -45,7 +46,7 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
     masses = parts.body.masses
     mass = None if masses is None else frozen(_read_each(masses, "body.masses", "a mass", body, doubts))
     follows = _follow_weights(parts, body)
-    track = _assemble_track(parts, weight, follows)
+    track = _assemble_track(parts, body, weight, follows)
     return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass)
 
 
@@ -61,10 +62,10 @@ def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
     return follows
 
 
-def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) -> Track | None:
+def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: np.ndarray) -> Track | None:
     """Divide the track into stretches; None if it is the same everywhere."""
     ground = parts.ground or GroundPart()
-    if not ground.patches:
+    if not ground.varies:
         return None
     stretches: list[tuple[float, float, float]] = []  # factors forward and backward, slope
     borders: list[float] = []
@@ -82,7 +83,34 @@ def _assemble_track(parts: SceneParts, weight: np.ndarray, follows: np.ndarray) 
     theta, track = np.radians(slope), math.radians(ground.slope)
     pressed, rise = np.cos(theta) / math.cos(track), np.sin(theta) - math.sin(track)
     rows = (frozen(borders), frozen(np.stack((forward, backward))), frozen(pressed), frozen(rise))
-    return Track(*rows, follows, weight)
+    return Track(*rows, follows, weight, _assemble_walls(ground, body))
+
+
+def _assemble_walls(ground: GroundPart, body: Body) -> Walls | None:
+    """Find the nearest walls of each contact; None without walls."""
+    if not ground.walls:
+        return None
+    place = np.stack((np.full(body.contacts, np.inf), np.full(body.contacts, -np.inf)))
+    index = np.full((2, body.contacts), -1)
+    for k, wall in enumerate(ground.walls):
+        contacts = np.arange(body.contacts)
+        if wall.contacts is not None:
+            for i in wall.contacts:
+                if not 0 <= i < body.isolated.size:
+                    last = body.isolated.size - 1
+                    raise SceneError(f"ground.walls: wall {k}: contacts: {i}; the isolated contacts are 0 .. {last}")
+            contacts = body.isolated[list(wall.contacts)]
+        side, sign = (0, 1.0) if wall.stops == "forward" else (1, -1.0)
+        nearer = contacts[sign * (place[side, contacts] - wall.at) > 0.0]
+        place[side, nearer], index[side, nearer] = wall.at, k
+    crossed = np.flatnonzero(place[1] > place[0])
+    if crossed.size:
+        i = int(crossed[0])
+        raise SceneError(
+            f"ground.walls: wall {index[1, i]}, which stops backward at {place[1, i]:g} m, is ahead of wall "
+            f"{index[0, i]}, which stops forward at {place[0, i]:g} m; they leave no place for {body.name_of(i)}"
+        )
+    return Walls(frozen(place), frozen(index, np.int64))
 
 
 def _read_weights(parts: SceneParts, body: Body, doubts: np.ndarray | None) -> np.ndarray:

@@ -121,6 +121,7 @@ def check_start(assembly: Assembly) -> None:
     if body.dimension == 2:
         _check_planar_start(assembly)
         return
+    _check_walls(assembly)
     force, margins, excess = _forces_at_start(assembly)
     forward, backward, load = _bounds_at_start(assembly)
     worst = int(np.argmin(excess))
@@ -155,6 +156,21 @@ def check_start(assembly: Assembly) -> None:
     )
 
 
+def _check_walls(assembly: Assembly) -> None:
+    """Check that no contact starts beyond a wall."""
+    body, track = assembly.body, assembly.ground.track
+    if track is None or track.walls is None:
+        return
+    rooms = track.walls.find_rooms(body.position, assembly.start_displacement)
+    side, i = np.unravel_index(int(rooms.argmin()), rooms.shape)
+    if rooms[side, i] < 0.0:
+        raise SceneError(
+            f"ground.walls: wall {track.walls.index[side, i]} stops {('forward', 'backward')[side]} at "
+            f"{track.walls.place[side, i]:g} m, but {body.name_of(int(i))} starts {-rooms[side, i]:g} m beyond it, at "
+            f"{body.position[i] + assembly.start_displacement[i]:g} m"
+        )
+
+
 def starts_beyond(assembly: Assembly) -> np.ndarray:
     """Find the variations of a body on a line whose spring forces at the start are not within the friction.
 
@@ -169,11 +185,14 @@ def starts_beyond(assembly: Assembly) -> np.ndarray:
 
 def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the spring forces at the start, their distances from the bounds, and these less rounding, (..., N)."""
-    body, x = assembly.body, assembly.start_displacement
+    body, track, x = assembly.body, assembly.ground.track, assembly.start_displacement
     tension = body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :])
     force = body.spring_force(tension)
     forward, backward, _ = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)
+    if track is not None and track.walls is not None:  # a wall holds any force
+        ahead, behind = track.walls.find_rooms(body.position, x) == 0.0
+        margins = np.minimum(np.where(ahead, np.inf, forward - force), np.where(behind, np.inf, force + backward))
     ends = np.abs(x)[..., body.ends]
     terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # of which T is left
     return force, margins, margins + _ROUNDING * (body.force_size(terms) + forward + backward)

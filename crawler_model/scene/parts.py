@@ -246,13 +246,23 @@ class PatchPart(Part):
         return forward, backward
 
 
+class WallPart(Part):
+    """A wall: contacts stand at it, whatever force pushes them against it."""
+
+    at: Number = key("Place of the wall on the track.", "m")
+    stops: Literal["forward", "backward"] = key("Contacts of which direction it stops: `forward` those towards +x.")
+    contacts: tuple[int, ...] | None = optional(
+        "The isolated contacts that it stops, counted from 0. Default: all contacts, those of segments included."
+    )
+
+
 def _check_slope(slope: float) -> None:
     if not -90.0 < slope < 90.0:
         raise ValueError(f"slope: {slope:g} degrees; it must be between -90 and 90")
 
 
 class GroundPart(Part):
-    """The track, its slope and its patches."""
+    """The track, its slope, its patches and its walls."""
 
     slope: Number = key(
         "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
@@ -267,6 +277,12 @@ class GroundPart(Part):
     patches: tuple[PatchPart, ...] = key(
         "Other ground between two places of the track: in order, without overlap.", default=()
     )
+    walls: tuple[WallPart, ...] = key("Walls on the track, at which contacts stand.", default=())
+
+    @property
+    def varies(self) -> bool:
+        """Whether the ground differs from place to place."""
+        return bool(self.patches or self.walls)
 
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:

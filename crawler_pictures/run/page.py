@@ -13,7 +13,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_model.run.orientation import shape_orientation
 
 from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
-from ..ground import draw_jumps, list_sections
+from ..ground import draw_jumps, draw_walls, list_sections
 from ..numbers import label_values, shorten
 from ..style import own_style
 from .arrays import Commands, RunArrays
@@ -199,6 +199,7 @@ def _positions(axis: Axes, run: RunArrays) -> None:
                 axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
                 where: Any = {"textcoords": "offset points", "va": "center", "zorder": 5, "bbox": PLATE}
                 axis.annotate(section.text, (run.time[0], section.middle), (5, 0), fontsize=8, **where)
+        draw_walls(axis, run.scene)
     draw_jumps(axis, run.jumps)
     axis.set_ylim(limits)
     cycles = "; vertical lines: cycles" if 0 < run.cycles.size <= MOST_BARS else ""

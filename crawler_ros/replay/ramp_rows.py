@@ -96,8 +96,9 @@ class RampRows:
         self._gained.append(np.zeros_like(crawler.gained) if step is None else crawler.gained.copy())
         self._places.append(crawler.places)
         self._accounts.append(_NO_ACCOUNT if step is None else step.account)
-        if crawler.body.turning is not None:  # they depend on the frames of the points
+        if crawler.body.turning is not None or self._walled:  # they depend on the frames of the points, and on walls
             self._own_margins.append(crawler.margins)
+        if crawler.body.turning is not None:
             self._yaw.append(crawler.yaw)
             self._stability.append(crawler.stability_margin)
         self._losses.append(0.0 if step is None else step.jump_loss)
@@ -174,6 +175,12 @@ class RampRows:
             stability=np.array(self._stability, np.float64) if body.turning is not None else None,
         )
 
+    @property
+    def _walled(self) -> bool:
+        """Whether contacts may stand at walls, which hold any force."""
+        track = self._scene.ground.track
+        return track is not None and track.walls is not None
+
     def _local_targets(self) -> np.ndarray:
         """Return the targets, with the bounds and loads of the ground under each contact."""
         target, track = np.array(self._targets), self._scene.ground.track
@@ -186,6 +193,8 @@ class RampRows:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
         body, scene = self._scene.body, self._scene
         n, lengths = body.contacts, body.lengths
+        if self._walled:
+            return np.array(self._own_margins)
         if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]
             return bound_distances(force, forward, backward)

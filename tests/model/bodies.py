@@ -20,6 +20,7 @@ ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
 BENT = tuple(f"bent {kind}" for kind in ON_A_LINE)
 """With springs of every kind, and loads."""
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
+BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
 TOLERANCE = 1e-6
 """Of planar bodies, relative to their extent."""
 
@@ -51,7 +52,7 @@ class Driven:
         segments = [_moved(segment, by) for segment in body["segments"]]
         data = self.data | {"body": body | {"contacts": [x + by for x in body["contacts"]], "segments": segments}}
         if "ground" in data:
-            data["ground"] = {"patches": [_moved(patch, by) for patch in data["ground"]["patches"]]}
+            data["ground"] = {key: [_moved(part, by) for part in parts] for key, parts in data["ground"].items()}
         return Driven(data, self.rows)
 
     def renumbered(self, seed: int) -> tuple[Driven, np.ndarray]:
@@ -96,7 +97,7 @@ class Driven:
 
 
 def _moved(part: dict[str, Any], by: float) -> dict[str, Any]:
-    return part | {"from": part["from"] + by, "to": part["to"] + by}
+    return part | {key: part[key] + by for key in ("from", "to", "at") if key in part}
 
 
 @dataclass(frozen=True)
@@ -122,12 +123,15 @@ class Drawn:
         rng = np.random.default_rng(self.seed)
         if self.kind in IN_THE_PLANE:
             return _in_the_plane(self, rng, length, force, mirrored)
-        plain = dataclasses.replace(self, kind=self.kind.removesuffix(" on patches").removeprefix("bent "))
+        ground = self.kind.removesuffix(" between walls")
+        plain = dataclasses.replace(self, kind=ground.removesuffix(" on patches").removeprefix("bent "))
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
             driven = _with_bent_springs(self, driven, length, force, mirrored)
-        if self.kind in ON_PATCHES:
+        if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
+        if self.kind in BETWEEN_WALLS:
+            driven = _between_walls(plain, driven, length, mirrored)
         return driven
 
 
@@ -273,6 +277,26 @@ def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirro
         weights = [0.05 * force] * isolated + [0.05 * force / length] * segments
         data["body"] = data["body"] | {"weights": weights}
     return Driven(data, driven.rows)
+
+
+def _between_walls(drawn: Drawn, driven: Driven, length: float, mirrored: bool) -> Driven:
+    """Put a wall at each end of a body, and between other contacts two that stop one of them."""
+    rng = np.random.default_rng([drawn.seed, 3])
+    data, n = driven.data, len(driven.data["body"]["contacts"])
+    ends = {SEGMENT: (10.0, 11.0), HYBRID: (0.0, 13.0)}.get(drawn.kind, (0.0, 6.0))
+    away = rng.uniform(0.1, 0.8, 4)
+    if drawn.ties:
+        away = rng.integers(1, 4, 4) / 4.0 + (0.0625 / 3.0 if drawn.commanded or drawn.bare else 0.0)
+    walls = [("backward", ends[0] - away[0], None), ("forward", ends[1] + away[1], None)]
+    if n:
+        i = int(rng.integers(n))
+        walls += [("backward", i - away[2], i), ("forward", i + away[3], i)]
+    found = []
+    for stops, at, i in walls:
+        if mirrored:
+            stops, at, i = {"backward": "forward", "forward": "backward"}[stops], -at, None if i is None else n - 1 - i
+        found.append({"at": float(at * length), "stops": stops} | ({} if i is None else {"contacts": [i]}))
+    return Driven(data | {"ground": data.get("ground", {}) | {"walls": found}}, driven.rows)
 
 
 def _reflected(between: list[tuple[Any, Any]], contacts: int) -> list[tuple[Any, Any]]:

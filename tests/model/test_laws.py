@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from crawler_model import Crawler, Scene, Step, simulate
 
-from .bodies import BENT, IN_THE_PLANE, ON_A_LINE, ON_PATCHES, TOLERANCE, Drawn, Driven, drawn
+from .bodies import BENT, BETWEEN_WALLS, IN_THE_PLANE, ON_A_LINE, ON_PATCHES, TOLERANCE, Drawn, Driven, drawn
 from .chains import from_rows
 
 STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, *BENT)]
 """Methods that take one implicit step a ramp."""
 FOLLOWED = [
-    *((kind, "exact") for kind in (*ON_A_LINE, *BENT, *ON_PATCHES)),
+    *((kind, "exact") for kind in (*ON_A_LINE, *BENT, *ON_PATCHES, *BETWEEN_WALLS)),
     *((kind, "catch_up") for kind in IN_THE_PLANE),
 ]
 """Methods that follow the path itself, to rounding on a line, to a tolerance in the plane."""
@@ -188,7 +188,7 @@ def test_the_mirror_image(body, method):
 
 @law(*((kind, method) for kind, method in EVERY if kind not in IN_THE_PLANE))
 def test_where_the_body_stands_does_not_matter(body, method):
-    """With the patches below it; by a length that rounds no position."""
+    """With the patches and the walls around it; by a length that rounds no position."""
     here, steps = body.driven().run(method)
     there, others = body.driven().moved(64.0).run(method)
     sure = known(body, steps)

@@ -19,7 +19,7 @@ from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.body import draw_body
 from crawler_pictures.colors import JUMP, rgb
-from crawler_pictures.ground import list_sections, trace_profile
+from crawler_pictures.ground import draw_walls, list_sections, trace_profile
 from crawler_pictures.run.page import draw_run
 from crawler_ros.replay import analyse
 from crawler_ros.viewer.arrays import run_of_frames
@@ -61,6 +61,17 @@ def test_sections_name_what_is_in_sight_once():
     assert list_sections(hilly(3.0), 3.5, 4.0)[0].text == "friction ×2 →, ×0.5 ←"
     assert list_sections(hilly(), 9.0, 10.0) == []
     assert list_sections(load_scene("two_anchor_a"), -10.0, 10.0) == []
+
+
+def test_walls_are_lines_where_they_stand():
+    figure, axis = plt.subplots()
+    draw_walls(axis, load_scene("wall_pusher"))
+    (line,) = axis.lines
+    assert set(line.get_ydata()) == {0.5}
+    assert [text.get_text() for text in axis.texts] == ["wall ↑"]
+    draw_walls(axis, load_scene("two_anchor_a"))
+    assert len(axis.lines) == 1
+    plt.close(figure)
 
 
 def test_the_profile_has_the_heights_of_the_slopes():

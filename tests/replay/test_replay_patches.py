@@ -204,3 +204,12 @@ def test_a_drive_on_slopes_is_recorded_as_it_is_simulated(name, tmp_path):
     scene = load_scene(name)
     run = simulate(scene, periods * scene.drive.period)
     assert [cycle.translation for cycle in replay.cycles] == pytest.approx(run.per_period.tolist(), abs=1e-12)
+
+
+def test_a_recording_of_a_walk_to_a_wall_is_simulated_again_to_the_bit(tmp_path):
+    """Margins know that the wall holds any force, so that none is negative."""
+    replay = analyse(record(tmp_path / "bag", load_scene("wall_pusher"), 6))
+    assert replay.problems == ()
+    assert replay.comparison.identical
+    assert replay.margins.least >= -1e-12
+    assert replay.margins.visited > 0.0

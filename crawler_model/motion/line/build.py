@@ -189,12 +189,13 @@ def build_contacts(body: Body, x: np.ndarray, tension: np.ndarray, bounds: np.nd
     return contacts
 
 
-def build_feet(body: Body, track: Track, place: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """Build the feet of a body on patches of ground.
+def build_feet(body: Body, track: Track, x: np.ndarray, place: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Build the feet of a body on patches of ground, and between walls.
 
     Args:
         body: the body.
         track: the ground.
+        x: displacement, shape (N,) [m].
         place: of each contact, as in `Track`, shape (N,).
         bounds: as commanded, for ground without patches: forward bounds, backward bounds and, with loads, these, shape
             (2 N,) or (3 N,) [N].
@@ -206,6 +207,9 @@ def build_feet(body: Body, track: Track, place: np.ndarray, bounds: np.ndarray) 
     feet = zeros(n, FOOT)
     feet["home"], feet["place"] = body.position, place
     feet["weight"], feet["follows"] = track.weight, track.follows
+    if track.walls is not None:
+        ahead, behind = track.walls.find_rooms(body.position, x) == 0.0
+        feet["walled"] = FORWARD * ahead + BACKWARD * behind
     feet["forward"], feet["backward"] = bounds[:n], bounds[n : 2 * n]
     if bounds.size > 2 * n:
         feet["load"] = bounds[2 * n :]

@@ -19,7 +19,7 @@ from .ground.borders import leave_border, reach_border, rest_on_border
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
-from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED
+from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED, WALL
 from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
@@ -217,7 +217,7 @@ def _meet(contacts, springs, model, ramp):
         advance(c, ramp, ramp.s)
         if is_due(c, model.ground, ramp, i):
             pass  # it falls with all others that do
-        elif c.coming == AHEAD or c.coming == BEHIND:
+        elif c.coming == AHEAD or c.coming == BEHIND or c.coming == WALL:
             if reach_border(c, model.ground, ramp, i) > 0:
                 count = _stop(contacts, springs, model, ramp, i, count)
         elif c.coming == KNOT:

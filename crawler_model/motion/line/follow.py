@@ -13,7 +13,8 @@ from .critical.margin import find_margin
 from .events import follow_events
 from .ground.borders import ROUNDING
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
-from .records import DONE, SPENT, UNSOLVED, Curves, Model, Terrain
+from .ground.walls import blocked_sides, has_walls
+from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Curves, Model, Terrain
 from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
 from .springs.slides import slide
@@ -121,7 +122,7 @@ def _finish_spring(contacts, springs, spring, model, ramp, length):
 
 
 @inlined
-def _certify(contacts, springs, ends, ramp):
+def _certify(contacts, springs, model, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
 
     The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions,
@@ -130,11 +131,15 @@ def _certify(contacts, springs, ends, ramp):
     rounding, wrong = ramp.corrected, 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        above, below = c.forward - c.force, c.backward + c.force
+        above, below, blocked = c.forward - c.force, c.backward + c.force, blocked_sides(model.ground, i)
+        if blocked & FORWARD:
+            above = np.inf
+        if blocked & BACKWARD:
+            below = np.inf
         excess = -min(above, below)
         if excess > 0.0:
             ramp.violation = max(ramp.violation, excess)
-            rounding = max(rounding, excess * _softest(springs, ends, c))
+            rounding = max(rounding, excess * _softest(springs, model.ends, c))
         if c.v != 0.0:
             wrong = max(wrong, abs(c.v * (above if c.v > 0.0 else below)))
     ramp.complementarity = max(ramp.complementarity, wrong)
@@ -149,7 +154,7 @@ def _finish(contacts, springs, model, ramp, target):
     stored = ramp.corrected = 0.0
     for j in range(springs.shape[0]):
         stored += _finish_spring(contacts, springs, springs[j], model, ramp, target[j])
-    _certify(contacts, springs, model.ends, ramp)
+    _certify(contacts, springs, model, ramp)
     if ramp.s == 1.0:
         ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
     ramp.residual = (stored - ramp.stored) + ramp.dissipation - ramp.work
@@ -161,7 +166,7 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
     """Decide how a ramp goes on after a part of it.
 
     A part that spends the budget, or finds no rates, is completed by an implicit step; contacts that have passed
-    borders in it fall from there.
+    borders in it fall from there. Between walls, a new budget follows one that is spent.
 
     Returns:
         ENDS, FOLLOWS or STEPS.
@@ -183,6 +188,9 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
         return ENDS
     if outcome == SPENT:
         ramp.overspent = 1.0
+        if has_walls(ground):  # an implicit step would lead contacts through them
+            ramp.effort = 0
+            return FOLLOWS
     else:
         ramp.unsolved = 1.0
     return STEPS
@@ -251,7 +259,7 @@ def _build_terrain(ground):
     """Name the parts of the ground; None without patches."""
     if ground is None:
         return None
-    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5])
+    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6])
 
 
 @lean

@@ -17,7 +17,7 @@ from ..pieces import NO_PIECES
 from ..state import WORK, dissipated
 from . import build
 from .follow import follow
-from .records import CONTACT_STATE, FOOT_STATE, JUMP, RAMP, SPRING_STATE, zeros
+from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
 
 Scratch = tuple[np.ndarray, tuple[Any, ...]]
 """RAMP, shape (1,), and the fields of a `Model`."""
@@ -96,11 +96,19 @@ class LineState:
         return None if self.feet is None else self.feet["place"].copy()
 
     def margins(self, force: np.ndarray) -> np.ndarray:
-        """Compute the distance of the spring forces from their nearest bounds, see `State`."""
-        return np.minimum(self.contacts["forward"] - force, force + self.contacts["backward"])
+        """Compute the distance of the spring forces from their nearest bounds, see `State`; a wall holds any force."""
+        ahead, behind = self.contacts["forward"] - force, force + self.contacts["backward"]
+        if self.feet is not None:
+            ahead[self.feet["walled"] & FORWARD != 0] = np.inf
+            behind[self.feet["walled"] & BACKWARD != 0] = np.inf
+        return np.minimum(ahead, behind)
 
     def visited_margin(self, force: np.ndarray) -> float:
         """Compute how close all contacts are to sliding at once [1], see `State`."""
+        if self.feet is not None and self.feet["walled"].any():
+            friction = float((self.contacts["forward"] + self.contacts["backward"]).sum())
+            near = float(np.maximum(self.margins(force), 0.0).sum())
+            return min(near / friction, 1.0) if friction > 0.0 else 0.0
         return visited_margin(force, self.contacts["forward"], self.contacts["backward"])
 
     def copy(self) -> LineState:
@@ -132,7 +140,7 @@ class LineMotion:
 
     Attributes:
         body: the body.
-        track: patches of ground; None if the ground is the same everywhere.
+        track: patches of ground and walls; None if the ground is the same everywhere.
     """
 
     body: Body
@@ -155,9 +163,12 @@ class LineMotion:
         loaded, feet = bounds.shape[-1] > 2 * self.body.contacts, None
         if self.track is not None:
             place = self.track.find_places(self.body.position, x)
-            feet = build.build_feet(self.body, self.track, place, bounds)
+            feet = build.build_feet(self.body, self.track, x, place, bounds)
             bounds = np.concatenate(self.track.bounds(bounds, place))
-        return LineState(build.build_contacts(self.body, x, springs["tension"], bounds), springs, loaded, feet)
+        contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
+        if feet is not None:
+            contacts["at"] &= ~feet["walled"]
+        return LineState(contacts, springs, loaded, feet)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
@@ -189,7 +200,8 @@ class LineMotion:
             if track is not None:
                 room = room or self.body.contacts + 16
                 jumps = zeros(room, JUMP)
-                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise
+                walls = None if track.walls is None else track.walls.place
+                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise, walls
                 memory = (*parts[:5], ground, None, parts[7])
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
@@ -250,9 +262,9 @@ class LineMotion:
         forward, backward, load = self.track.bounds(commanded, state.feet["place"])
         total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
         return (
-            f"ground.patches: on the ground that the contacts reach, the loads sum to {direction * total:g} N {side}, "
-            f"and friction against sliding {side} to no more than {bound + direction * total:g} N: no equilibrium, the "
-            "body would run away"
+            f"{self.track.key}: on the ground that the contacts reach, the loads sum to {direction * total:g} N "
+            f"{side}, and friction against sliding {side} to no more than {bound + direction * total:g} N: no "
+            "equilibrium, the body would run away"
         )
 
 

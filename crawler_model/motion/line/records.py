@@ -16,9 +16,9 @@ _FLOAT, _BYTE, _INT, _LONG = np.float64, np.int8, np.int32, np.int64  # long are
 FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
 between them is a point."""
-AHEAD, BEHIND, KNOT = 4, 8, 16
-"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind, or a spring that
-begins at it a knot."""
+AHEAD, BEHIND, KNOT, WALL = 4, 8, 16, 32
+"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind, a spring that
+begins at it a knot, or a wall."""
 
 CONTACT_STATE = [
     ("x", _FLOAT),  # displacement, where it was last advanced [m]
@@ -143,12 +143,13 @@ FOOT = np.dtype(
         ("d_backward", _FLOAT),
         ("d_load", _FLOAT),
         ("jump", _INT),  # number of its present jump, counted from 1; 0 if it does not jump
+        ("walled", _BYTE),  # sides on which it stands at a wall, FORWARD and BACKWARD as bits
     ],
     align=True,
 )
-"""What is known of a contact beside CONTACT where there are patches of ground."""
+"""What is known of a contact beside CONTACT where there are patches of ground or walls."""
 
-FOOT_STATE = ("place", "forward", "backward", "load")
+FOOT_STATE = ("place", "forward", "backward", "load", "walled")
 """Fields of a foot that last from ramp to ramp."""
 
 JUMP = np.dtype(
@@ -350,7 +351,7 @@ DONE, SPENT, UNSOLVED = 0, 1, 2
 
 
 class Terrain(NamedTuple):
-    """Patches of ground under a body, the stretches of ground as in `body.ground.Track`."""
+    """Patches of ground under a body and walls, the stretches of ground as in `body.ground.Track`."""
 
     feet: np.ndarray
     """FOOT, shape (N,)."""
@@ -360,6 +361,9 @@ class Terrain(NamedTuple):
     grip: np.ndarray
     pressed: np.ndarray
     rise: np.ndarray
+    walls: Any
+    """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]; None without
+    walls, where nothing of them is compiled."""
 
 
 class Curves(NamedTuple):

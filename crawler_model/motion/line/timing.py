@@ -1,4 +1,4 @@
-"""The next event of a contact: its force reaches a bound, it reaches a border, or a spring that begins at it a knot."""
+"""The next event of a contact: a bound, a border or a wall, or a knot of a spring that begins at it."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import numpy as np
 from ...compiled import inlined
 from ...rounding import EPS, LATE
 from .ground.borders import find_meeting
+from .ground.walls import blocked_sides, find_wall
 from .records import BACKWARD, FORWARD, KNOT
 from .springs.bends import find_knot
 from .tournament import schedule
 
 
 @inlined
-def _find_arrival(c, springs, ends, ramp):
+def _find_arrival(c, springs, ends, ground, ramp, i):
     """Find when a contact at s reaches a bound that its force is not at, and which; infinite if it reaches none."""
     s, when, closing = ramp.s, np.inf, 0.0
     above = c.force_rate - c.d_forward
     below = -c.force_rate - c.d_backward
-    if above > 0.0 and not c.at & FORWARD:
+    passed = c.at | blocked_sides(ground, i)
+    if above > 0.0 and not passed & FORWARD:
         when, closing = s + max(c.forward + s * c.d_forward - c.force, 0.0) / above, above
         c.coming = FORWARD
-    if below > 0.0 and not c.at & BACKWARD:
+    if below > 0.0 and not passed & BACKWARD:
         other = s + max(c.backward + s * c.d_backward + c.force, 0.0) / below
         if other < when:
             when, closing = other, below
@@ -55,10 +57,10 @@ def _find_knots(contacts, c, springs, ends, curves, ramp, when):
 def schedule_next(contacts, springs, model, ramp, i):
     """Find the next event of a contact at s whose rates are known, if there is one up to the end of the ramp."""
     c = contacts[i]
-    when = find_meeting(c, model.ground, i)
+    when = find_wall(c, model.ground, i, find_meeting(c, model.ground, i))
     if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
-        other = _find_arrival(c, springs, model.ends, ramp)
+        other = _find_arrival(c, springs, model.ends, model.ground, ramp, i)
         if other < when:
             when = other
         else:

@@ -7,6 +7,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..block import size_of_terms
+from ..ground.walls import blocked_sides
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
 from ..springs.parts import begin_alone, begin_parts, find_pull, list_beside, member, next_part, present_part
@@ -16,7 +17,7 @@ _LATER = 2.0 / 3.0
 
 
 @lean
-def _slack(c, ramp, when):
+def _slack(c, ground, ramp, i, when):
     """Find how far the force on a contact is from its bounds at a later place; in a fall, what takes no part rests.
 
     The force on a contact that is at a bound is that bound where it was last advanced to, whatever rounding made of it.
@@ -29,6 +30,11 @@ def _slack(c, ramp, when):
         above = ds * (c.d_forward - c.force_rate)
     if c.at & BACKWARD:
         below = ds * (c.d_backward + c.force_rate)
+    blocked = blocked_sides(ground, i)
+    if blocked & FORWARD:
+        above = np.inf
+    if blocked & BACKWARD:
+        below = np.inf
     return above, below
 
 
@@ -38,7 +44,7 @@ def _distance(contacts, springs, model, ramp, i, when, limit):
     c = contacts[i]
     if c.at != 0 and c.side != 0:
         return 0.0
-    above, below = _slack(c, ramp, when)
+    above, below = _slack(c, model.ground, ramp, i, when)
     distance = abs(min(above, below))
     if c.at == 0 and distance > limit:
         distance = max(distance - ROUNDING * size_of_terms(contacts, springs, model.ends, c), 0.0)
@@ -83,7 +89,7 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
         side = c.side if c.at != 0 else 0
         if side == 0:
-            above, below = _slack(c, ramp, when)
+            above, below = _slack(c, model.ground, ramp, i, when)
             side = 1 if above < below else -1
         balance += c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
         balance -= find_pull(contacts, springs, model, curves, i)
@@ -101,11 +107,12 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
     free = 0
     first, last = present_part(contacts, curves, ramp)
     for r in range(first, last):
-        c = contacts[member(model.block, curves, r)]
+        i = member(model.block, curves, r)
+        c = contacts[i]
         s = ramp.rests if ramp.falling and c.since >= 0.0 else when
         total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
         if c.at == 0 or (c.side == 0 and c.since < s):
-            above, below = _slack(c, ramp, when)
+            above, below = _slack(c, model.ground, ramp, i, when)
             near += max(min(above, below), 0.0)
             free += 1
     if not total > 0.0:
@@ -114,7 +121,7 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
         near = 0.0
     if near <= CRITICAL * total:
         near = max(near, abs(_imbalance(contacts, springs, model, curves, ramp, when)))
-    return near / total
+    return min(near / total, 1.0)  # contacts between two walls cannot slide
 
 
 @lean

@@ -16,7 +16,8 @@ import numpy as np
 from ....compiled import lean
 from ....rounding import CRITICAL, EPS
 from ..advance import place_of
-from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
+from ..records import AHEAD, BACKWARD, BEHIND, FORWARD, WALL
+from .walls import is_at_wall, leave_wall, put_at_wall, rest_at_wall
 
 ROUNDING = 64.0 * EPS
 """Part of the span within which a contact is at a border: positions are sums of a few rounded numbers."""
@@ -144,6 +145,7 @@ def leave_border(c, ground, ramp, i):
     if ground is None:
         return
     foot = ground.feet[i]
+    leave_wall(c, foot, ground.walls)
     if foot.place % 2 == 0 or c.v == 0.0:
         return
     side = FORWARD if c.v > 0.0 else BACKWARD
@@ -199,10 +201,10 @@ def compare(c, foot, ground, coming, ramp):
 
 @lean
 def reach_border(c, ground, ramp, i):
-    """Put a contact onto the border that it has reached.
+    """Put a contact onto the border or to the wall that it has reached.
 
     Args:
-        c: CONTACT i, which slides, advanced to s; `coming` is the border.
+        c: CONTACT i, which slides, advanced to s; `coming` is the border, or WALL.
 
     Returns:
         1 if the contact stands there, 0 if it goes on, -1 if it falls.
@@ -211,6 +213,9 @@ def reach_border(c, ground, ramp, i):
         return 0
     foot = ground.feet[i]
     coming = c.coming
+    if coming == WALL or is_at_wall(c, foot, ground.walls, i, ROUNDING * ramp.span):
+        _stop_at_wall(c, foot, ground, ramp, i)
+        return 1
     order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
     j = border_of(foot, ground, coming)
@@ -228,9 +233,20 @@ def reach_border(c, ground, ramp, i):
     if order == 0:
         return 0
     c.fallen = side
-    open_jump(c, ground, ramp, i, j)
+    open_jump(c, ground, ramp, i, ground.borders[j])
     leave_border(c, ground, ramp, i)
     return -1
+
+
+@lean
+def _stop_at_wall(c, foot, ground, ramp, i):
+    """Let a contact that slides stop at its wall, where a jump ends."""
+    side = FORWARD if c.v > 0.0 else BACKWARD
+    put_at_wall(c, foot, ground.walls, side, i)
+    close_jump(c, ground, ramp, i)
+    if c.fallen & side:
+        set_bound(c, foot, ground, side, ramp)
+        c.fallen &= ~side
 
 
 @lean
@@ -238,7 +254,7 @@ def open_jump(c, ground, ramp, i, border):
     """Begin a jump of a contact.
 
     Args:
-        border: number of the border.
+        border: place of the border, or of the wall to which nothing holds the body [m].
     """
     foot = ground.feet[i]
     c.lost = 0.0
@@ -248,7 +264,7 @@ def open_jump(c, ground, ramp, i, border):
         jump = ground.jumps[ramp.jumps - 1]
         jump.ramp, jump.contact = ramp.number, i
         jump.part = ramp.done + (ramp.rests if ramp.falling else ramp.s) * (1.0 - ramp.done)
-        jump.border, jump.x = ground.borders[border], c.x
+        jump.border, jump.x = border, c.x
 
 
 @lean
@@ -274,10 +290,10 @@ def rest_on_border(c, ground, ramp, i):
     """
     if ground is None:
         return
-    foot = ground.feet[i]
-    if foot.place % 2 == 1 or c.fallen != 0:
+    foot, near = ground.feet[i], ROUNDING * ramp.span
+    rest_at_wall(c, foot, ground.walls, i, near)
+    if foot.place % 2 == 1 or c.fallen != 0 or foot.walled != 0:
         return
-    near = ROUNDING * ramp.span
     coming = 0
     for way in (AHEAD, BEHIND):
         if abs(gap_of(c, foot, ground, way, c.since)) <= near:

@@ -20,6 +20,7 @@ from ..block import list_contact, settle
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from ..tournament import schedule
 from .borders import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
+from .walls import is_at_wall
 
 _BEGIN, _END = -1.0, -1e-300
 """The line of a fall. Its end is as good as 0, where the bounds are those of the ground, and still before the ramp."""
@@ -41,6 +42,8 @@ def is_due(c, ground, ramp, i):
     if foot.place % 2 == 1 or gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
         return False
     if compare(c, foot, ground, coming, ramp) >= 0:
+        return False
+    if is_at_wall(c, foot, ground.walls, i, ROUNDING * ramp.span):
         return False
     ramp.due = i + 1
     return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ....compiled import inlined, lean
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from .borders import ROUNDING, border_of, close_jump, gap_of, open_jump, put_on_border, rest_on_border, set_bounds
+from .walls import keep_before_walls
 
 
 @inlined
@@ -61,8 +62,10 @@ def finish_bounds(c, ground, ramp, target, i, n):
     if ground is None:
         _finish_command(c, ramp, target, i, n)
         return
-    rest_on_border(c, ground, ramp, i)
     foot, s = ground.feet[i], ramp.s
+    if ramp.stepping:
+        keep_before_walls(c, foot, ground.walls, i)
+    rest_on_border(c, ground, ramp, i)
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
     _finish_command(foot, ramp, target, i, n)
     set_bounds(c, foot, ground, ramp)
@@ -101,7 +104,7 @@ def place_anew(contacts, ground, ramp):
         excess = c.force - c.forward if direction > 0 else -c.force - c.backward
         if excess > 0.0:
             c.at = c.fallen = side
-            open_jump(c, ground, ramp, i, border)
+            open_jump(c, ground, ramp, i, ground.borders[border])
             if direction > 0:
                 c.forward = c.force
             else:

@@ -1,7 +1,7 @@
 """Slides at fixed commands, of what nothing holds any more: a part of a body between flat springs, or all of it.
 
-It goes to the next knot of these springs or to the next border of the ground. All forces rest on the way, so what
-friction takes is paid by flat springs and by loads.
+It goes to the next knot of these springs or to the next border or wall. All forces rest on the way, so what friction
+takes is paid by flat springs and by loads.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import numpy as np
 from ....compiled import lean
 from ....rounding import CRITICAL, EPS
 from ..advance import move
-from ..ground.borders import border_of, excess_of, gap_of, leave_border, open_jump, reach_border
+from ..ground.borders import excess_of, gap_of, leave_border, open_jump, reach_border
 from ..ground.falls import has_fallen
+from ..ground.walls import room_of
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from .bends import find_way, is_flat
 from .parts import begin_parts, find_part, member, side_of
@@ -77,7 +78,7 @@ def _find_knot(springs, block, curves, ramp, direction):
 
 @lean
 def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
-    """Slide a part to its next border, or by `knot` if that is nearer; returns False if there is neither."""
+    """Slide a part to its next border or wall, or by `knot` if that is nearer; returns False if there is none."""
     coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
     distance, nearest = knot, -1
     for r in range(ramp.first, ramp.last):
@@ -85,7 +86,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
         contacts[i].v = float(direction)
         contacts[i].coming = coming
         leave_border(contacts[i], ground, ramp, i)
-        gap = gap_of(contacts[i], ground.feet[i], ground, coming, contacts[i].since)
+        gap = _way_of(contacts[i], ground.feet[i], ground, coming, side, i)
         if gap < distance:
             distance, nearest = gap, i
     if distance == np.inf:
@@ -94,17 +95,25 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
     distance = max(distance, 0.0)
     near = 1e-14 * (ramp.span + distance)
     if distance > 0.0 and knot == np.inf and not has_fallen(contacts, ground):
-        open_jump(contacts[nearest], ground, ramp, nearest, border_of(ground.feet[nearest], ground, coming))
+        c, foot = contacts[nearest], ground.feet[nearest]
+        open_jump(c, ground, ramp, nearest, foot.home + c.x + direction * distance)
     for r in range(ramp.first, ramp.last):
         i = member(model.block, model.curves, r)
         c = contacts[i]
-        gap = gap_of(c, ground.feet[i], ground, coming, c.since)
+        gap = _way_of(c, ground.feet[i], ground, coming, side, i)
         c.lost += excess_of(c, ground.feet[i], ground) * distance
         _move(c, ramp, direction, distance)
         c.at |= side
         if gap <= distance + near:
             reach_border(c, ground, ramp, i)
     return True
+
+
+@lean
+def _way_of(c, foot, ground, coming, side, i):
+    """Compute the distance of a contact from its next border or wall."""
+    way = gap_of(c, foot, ground, coming, c.since)
+    return min(way, room_of(c, foot, ground.walls, side, i, c.since))
 
 
 @lean
