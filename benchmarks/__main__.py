@@ -20,6 +20,7 @@ from crawler_model import CrawlerError
 _IN_PROCESS = {
     "growth": ("measure_growth", "SECONDS"),
     "identify": ("measure_identification", "STEPS"),
+    "inertia": ("measure_inertia", "BODIES"),
     "many": ("measure_many", "VARIATIONS"),
 }
 """For each module the function, and the full size; the quick one is QUICK."""
@@ -31,6 +32,7 @@ class What(str, Enum):
     methods = "methods"
     growth = "growth"
     identify = "identify"
+    inertia = "inertia"
     many = "many"
     node = "node"
     replay = "replay"
@@ -41,7 +43,8 @@ def bench(
         What,
         typer.Argument(
             help="methods: speed against error; growth: of the time of a ramp with the body; identify: coverage; "
-            "many: variations and environments; node: throughput, latency, cost of features; replay: of recordings."
+            "inertia: how far masses change the gain; many: variations and environments; "
+            "node: throughput, latency, cost of features; replay: of recordings."
         ),
     ] = What.methods,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer ticks, rounds and sizes: under a minute.")] = False,
@@ -99,6 +102,9 @@ def _bench_model(name: str, quick: bool, as_json: bool, out: Path) -> None:
     with progress_bar("measuring") as progress:
         rows = getattr(module, function)(module.QUICK if quick else getattr(module, size), progress)
     _write_rows(name, rows, quick, as_json, out)
+    if name == "inertia":
+        require("matplotlib")
+        module.draw_inertia(rows, out / f"{name}.png")
 
 
 def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:

@@ -231,6 +231,24 @@ def check_output(option: str, file: Path | None, suffix: str, force: bool) -> No
         require(_WRITERS[suffix])
 
 
+def parse_slower_than(text: str) -> float:
+    """Parse the option `--slower-than`.
+
+    Args:
+        text: an inertia number, written r=0.1.
+
+    Returns:
+        The number.
+
+    Raises:
+        CrawlerError: if it is written in another way.
+    """
+    try:
+        return float(text.removeprefix("r="))
+    except ValueError:
+        raise CrawlerError(f"--slower-than {text}: write the largest inertia number, for example r=0.1") from None
+
+
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Parse options of the form KEY=A:B; A:B alone has the key "".
 

@@ -18,11 +18,13 @@ import numpy as np
 
 from crawler_model.body.names import name_each, name_joints
 from crawler_model.errors import CrawlerError, SceneError
-from crawler_model.run.simulate import simulate
+from crawler_model.run.inertia import Inertia
+from crawler_model.run.simulate import find_inertia, simulate
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..optimise.request import Bounds, find_strokes
+from ..optimise.slow import check_slower_than, slow_down
 from ..sweep.keys import expand_keys
 from .fit.space import build_space
 from .identify import identify
@@ -57,6 +59,7 @@ class Excitation:
         rate: of the measurements [Hz].
         interval: the half width of intervals, relative to the values, at which the drive ends [1].
         interrupted: whether Ctrl-C ended the search.
+        inertia: the inertia number of the drive; None for a scene without masses and weights.
     """
 
     scene: Scene
@@ -66,6 +69,7 @@ class Excitation:
     rate: float
     interval: float
     interrupted: bool
+    inertia: Inertia | None = None
 
     def __repr__(self) -> str:
         """Describe the result in one line."""
@@ -90,6 +94,7 @@ class Excitation:
             "noise_m": self.noise,
             "rate_hz": self.rate,
             "parameters": [p.as_plain() for p in self.parameters],
+            "inertia": None if self.inertia is None else self.inertia.summary(),
             "complete": not self.interrupted,
         }
 
@@ -105,6 +110,7 @@ def excite(
     rate: float = 50.0,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
+    slower_than: float | None = None,
 ) -> Excitation:
     """Find a short drive within given strokes from which parameters can be identified.
 
@@ -120,6 +126,8 @@ def excite(
         rate: of the measurements [Hz].
         seed: of the random candidates.
         progress: called with the fraction done, in [0, 1].
+        slower_than: largest inertia number; the drive that was found is played as slowly as it needs to be, which may
+            take longer than `duration`.
 
     Returns:
         The drive, and what to expect of it; after Ctrl-C the drive so far.
@@ -129,6 +137,7 @@ def excite(
         CrawlerError: if an option is out of range.
     """
     scene = coerce_scene(scene, "excite")
+    check_slower_than(scene, slower_than)
     numbers = {"noise": noise, "duration": duration, "every": every, "interval": interval, "rate": rate}
     for name, number in numbers.items():
         if not (math.isfinite(number) and number > 0.0):
@@ -157,11 +166,14 @@ def excite(
             raise
         interrupted = True
     driven = search.scene_with_drive()
+    if slower_than is not None:
+        search.every *= slow_down(driven, slower_than)[1]
+        driven = search.scene_with_drive()
     found = identify(driven, [search.measure(driven)], keys, hold_out=0.0, starts=1, seed=seed, seconds=0.0)
     if progress is not None:
         progress(1.0)
-    length = every * (search.rows.shape[0] - 1)
-    return Excitation(driven, found.parameters, length, noise, rate, interval, interrupted)
+    length = search.every * (search.rows.shape[0] - 1)
+    return Excitation(driven, found.parameters, length, noise, rate, interval, interrupted, find_inertia(driven))
 
 
 class _Search:

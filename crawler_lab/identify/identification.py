@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from crawler_model.run.inertia import Inertia
+from crawler_model.run.simulate import find_inertia
 from crawler_model.scene.scene import Scene
 
 from .fit.misfit import Misfit
@@ -16,7 +19,7 @@ from .judge.held_out import HeldOut
 from .judge.sensors import SensorNumber
 from .judge.verdicts import Parameter
 from .measurements import Measurements
-from .replica.playback import playback
+from .replica.playback import measure_speeds, playback
 
 _OF_SCORE = ("residual", "coverage", "size", "gain_error")
 """Numbers of a score that are printed."""
@@ -70,6 +73,18 @@ class Identification:
     posterior: Posterior
     interrupted: bool
 
+    @functools.cached_property
+    def inertia(self) -> Inertia | None:
+        """The largest inertia number of the recorded drives; None for a scene without masses and weights."""
+        found = [find_inertia(self.playback(i)) for i in range(len(self.recordings))]
+        return max((one for one in found if one is not None), key=lambda one: one.number, default=None)
+
+    @property
+    def speeds(self) -> dict[str, float]:
+        """The fastest commanded change of each length in the recordings [m/s, of segments 1/s]."""
+        each = [measure_speeds(self.playback(i)) for i in range(len(self.recordings))]
+        return {name: max(speeds[name] for speeds in each) for name in each[0]} if each else {}
+
     def playback(self, recording: int = 0) -> Scene:
         """Build the scene with the values found that plays a recording.
 
@@ -112,6 +127,8 @@ class Identification:
             "misfits": [m.as_plain() for m in self.misfits],
             "explanations": [asdict(e) for e in self.explanations],
             "warnings": list(self.warnings),
+            "inertia": None if self.inertia is None else self.inertia.summary(),
+            "speeds": self.speeds,
             "recordings": [
                 {
                     "name": m.name,

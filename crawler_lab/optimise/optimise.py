@@ -22,6 +22,7 @@ from .limit import TimeLimit
 from .optimum import Optimum
 from .request import Bounds, Request, build_unknowns, check_bounds, first_points
 from .search import Found, search
+from .slow import check_slower_than, slow_down
 from .space import Space
 from .unknowns import Unknowns, with_numbers
 
@@ -46,6 +47,7 @@ def optimise(
     target: Sequence[float] | None = None,
     towards: float | None = None,
     periods: int | None = None,
+    slower_than: float | None = None,
 ) -> Optimum:
     """Find the periodic drive that is best in the periodic regime; on patches of ground, over the first periods.
 
@@ -83,6 +85,7 @@ def optimise(
         towards: in the plane, the direction in which a gain counts, counterclockwise from +x, of a body that turns from
             its heading [degrees]; None for 0. On a line +x counts.
         periods: on patches of ground, number of periods from the start of which the mean counts; None for 10.
+        slower_than: largest inertia number; the period becomes as long as it needs to be, which changes no gain.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.
@@ -111,7 +114,9 @@ def optimise(
         target=target,
         towards=towards,
         periods=periods,
+        slower_than=slower_than,
     )
+    check_slower_than(scene, slower_than)
     unknowns, space = build_space(scene, request)
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
@@ -131,11 +136,25 @@ def _conclude(
     unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit, uncertain: Uncertain | None
 ) -> Optimum:
     """Examine the best gait, and verify it on other bodies if its own is uncertain, while time is left."""
-    best = finish(unknowns, space, found, request, limit)
+    best = _keep_slow(finish(unknowns, space, found, request, limit), request.slower_than)
     if uncertain is None or limit.over():
         return best
     over: Over = "expected" if space.mean else "worst"
     return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, uncertain, over))
+
+
+def _keep_slow(best: Optimum, slower_than: float | None) -> Optimum:
+    """Lengthen the periods of a gait and of its alternatives until their inertia numbers are small enough."""
+    if slower_than is None:
+        return best
+    scene, factor = slow_down(best.scene, slower_than)
+    document = best.scene.document()
+    alternatives = []
+    for one in best.alternatives:
+        slow, _ = slow_down(Scene.model_validate(document | {"drive": one.drive}), slower_than)
+        alternatives.append(dataclasses.replace(one, drive=slow.document()["drive"]))
+    kinks = tuple(dataclasses.replace(kink, time=factor * kink.time) for kink in best.kinks)
+    return dataclasses.replace(best, scene=scene, kinks=kinks, alternatives=tuple(alternatives))
 
 
 def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from crawler_model.notebook import write_html
+from crawler_model.run.inertia import Inertia
+from crawler_model.run.simulate import find_inertia
 from crawler_model.scene.scene import Scene
 
 from ..derivative.sensitivities import Kink
@@ -144,6 +147,11 @@ class Optimum:
     around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     limit: TimeLimit = field(default_factory=lambda: TimeLimit(0.0, None))
 
+    @functools.cached_property
+    def inertia(self) -> Inertia | None:
+        """The inertia number of the gait; None for a scene without masses and weights."""
+        return find_inertia(self.scene)
+
     @property
     def unit(self) -> str:
         """Unit of the value."""
@@ -194,6 +202,7 @@ class Optimum:
             "alternatives": [{"value": _number(one.value), "drive": one.drive} for one in self.alternatives],
             "flat": list(self.flat),
             "unique": self.unique,
+            "inertia": None if self.inertia is None else self.inertia.summary(),
             "fails": [asdict(weakness) for weakness in self.weaknesses],
             "robust_to": robust_to,
             "seed": self.seed,

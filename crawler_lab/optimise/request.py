@@ -44,6 +44,7 @@ class Request(NamedTuple):
     target: Sequence[float] | None = None
     towards: float | None = None
     periods: int | None = None
+    slower_than: float | None = None
 
 
 def build_unknowns(scene: Scene, request: Request) -> Unknowns:

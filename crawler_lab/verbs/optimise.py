@@ -19,6 +19,7 @@ from crawler_command.screen import (
     check_output,
     note_left_out,
     parse_bounds,
+    parse_slower_than,
     progress_bar,
     require,
     screen,
@@ -125,6 +126,13 @@ _RobustOf = Annotated[
 _Compromises = Annotated[
     bool, typer.Option("--pareto", help="Print the curve of gain against cost of transport instead of one gait.")
 ]
+_SlowerThan = Annotated[
+    str | None,
+    typer.Option(
+        metavar="r=0.1",
+        help="Largest inertia number: the period becomes as long as masses or weights need. It changes no gain.",
+    ),
+]
 _Period = Annotated[
     float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
 ]
@@ -159,6 +167,7 @@ def optimise_command(
     robust_of: _RobustOf = None,
     compromises: _Compromises = False,
     period: _Period = None,
+    slower_than: _SlowerThan = None,
     seconds: _Seconds = None,
     seed: _Seed = 0,
     as_json: _AsJson = False,
@@ -191,6 +200,10 @@ def optimise_command(
         "towards": towards,
         "periods": periods,
     }
+    if slower_than is not None:
+        if compromises:
+            raise CrawlerError("--slower-than: the points of --pareto are gains per period, which no period changes")
+        limits["slower_than"] = parse_slower_than(slower_than)
     motion = None if target is None else _parse_target(target)
     from crawler_model import load_scene, prepare
 

@@ -82,6 +82,8 @@ def describe_optimum(found: Optimum) -> list[str]:
             f"it depends on {name}, which the record did not excite: it keeps its value in the scene"
             for name in one.unknown
         ]
+    if found.inertia is not None:
+        lines.append(found.inertia.describe(found.scene.body))
     lines.append(
         f"found after {found.found_after_s:.3g} s, {found.evaluations} evaluations in {found.wall_s:.3g} s, "
         f"seed {found.seed}{_describe_end(found)}"

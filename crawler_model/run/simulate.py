@@ -15,7 +15,7 @@ from ..errors import CommandError
 from ..motion.state import SPENT
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
-from .inertia import start_meter
+from .inertia import Inertia, start_meter
 from .screw import follow_turning, gain_in_frame
 from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
@@ -93,6 +93,18 @@ def simulate(
         if progress is not None:
             progress(last / ticks)
     return run.finish(rate, began)
+
+
+def find_inertia(scene: Plan) -> Inertia | None:
+    """Run the drive of a scene for its inertia number.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The number; None for a scene without masses and weights, or without a drive.
+    """
+    return None if scene.ground.masses is None or scene.drive.holds else simulate(scene).inertia
 
 
 def _waypoints(drive: Drive, seconds: float) -> float:

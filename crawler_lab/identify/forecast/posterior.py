@@ -46,6 +46,7 @@ class Posterior:
         groups: parameters of which only ratios are known, those that are held included.
         unknown: parameters that the record does not excite.
         freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
+        speeds: fastest commanded change of each length in the record [m/s, of segments 1/s]; empty if not known.
     """
 
     names: tuple[str, ...]
@@ -57,6 +58,7 @@ class Posterior:
     unknown: tuple[str, ...] = ()
     freedom: float = np.inf
     ended: tuple[str, ...] = ()
+    speeds: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -281,7 +283,8 @@ def read_posterior(source: str | Path | Mapping[str, Any], scene: Scene | None =
     if not isinstance(entry, Mapping):
         raise CrawlerError(f"{name}: no posterior; print it with `crawler identify --json`")
     try:
-        posterior = _from_plain(entry, listed)
+        speeds = {str(key): float(value) for key, value in dict(found.get("speeds") or {}).items()}
+        posterior = dataclasses.replace(_from_plain(entry, listed), speeds=speeds)
     except CrawlerError as error:
         raise CrawlerError(f"{name}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError) as error:

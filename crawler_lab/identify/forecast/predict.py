@@ -15,12 +15,14 @@ import numpy as np
 from crawler_model.arrays import frozen
 from crawler_model.errors import CommandError, CrawlerError, SceneError
 from crawler_model.notebook import write_html
+from crawler_model.run.inertia import Inertia
+from crawler_model.run.simulate import find_inertia
 from crawler_model.scene.file import coerce_scene, load_drive
 from crawler_model.scene.scene import Scene
 
 from ...derivative.sensitivities import check_differentiable
 from ...sweep.vary import Variations, vary
-from ..replica.playback import scale_drive
+from ..replica.playback import measure_speeds, scale_drive
 from ..sensor.noise import find_quantile
 from .outcome import FARTHEST, TOTALS, Evaluate, Outcome, attempt, explore, find_outcome
 from .posterior import GAIN, Interval, Posterior, read_posterior
@@ -30,6 +32,8 @@ _SAMPLES = 400
 _PERIODS = 10
 _UNKNOWN = (1.0 / 3.0, 3.0)
 """Factors by which a parameter of which nothing is known is moved to see whether the motion depends on it."""
+_FASTER = 1.01
+"""Ratio of speeds from which on a drive is called faster than the record."""
 _STEP = 2.0**-20
 """Step of the differences by the gain of the actuators [1]."""
 _SCALE = 1e-6
@@ -88,6 +92,7 @@ class Forecast:
         depends_on_bounds: parameters that are only bounded, and on which the motion depends.
         notes: what else limits the prediction, one line each.
         transient_left: estimate of how far `gain` is from that of the limit cycle [m]; 0 without a period.
+        inertia: the inertia number of the drive; None for a scene without masses and weights.
     """
 
     scene: Scene
@@ -103,6 +108,7 @@ class Forecast:
     depends_on_bounds: tuple[Beyond, ...]
     notes: tuple[str, ...]
     transient_left: float
+    inertia: Inertia | None = None
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -157,6 +163,7 @@ class Forecast:
                 {"name": one.name, "interval": list(one.interval), "why": one.why} for one in self.depends_on_bounds
             ],
             "notes": list(self.notes),
+            "inertia": None if self.inertia is None else self.inertia.summary(),
             "transient_left": self.transient_left if np.isfinite(self.transient_left) else None,
         }
 
@@ -240,8 +247,9 @@ def predict(
         lows,
         highs,
         tuple(Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()),
-        _notes(posterior, names, best, own_drive=drive is None),
+        (*_notes(posterior, names, best, own_drive=drive is None), *_note_speed(posterior, played)),
         best.transient_left,
+        find_inertia(played),
     )
 
 
@@ -347,6 +355,19 @@ def _explain(scene: Scene, name: str, interval: Interval, far: bool) -> str:
         return f"contacts slide {way} under this drive; " + known % "their friction"
     contact = scene.body.name_of(int(scene.body.isolated[int(friction[2])]))
     return f"{contact} slides {way} under this drive; " + known % "its friction"
+
+
+def _note_speed(posterior: Posterior, played: Scene) -> list[str]:
+    """Note lengths that the drive changes faster than the record did: the model does not depend on it, robots do."""
+    speeds = measure_speeds(played)
+    faster = {name: speeds[name] / most for name, most in posterior.speeds.items() if speeds.get(name, 0.0) > most > 0}
+    if not faster or max(faster.values()) <= _FASTER:
+        return []
+    name = max(faster, key=lambda key: faster[key])
+    return [
+        f"the drive is faster than the record was: it changes {name} at up to {speeds[name]:.3g}, {faster[name]:.3g} "
+        "times as fast; the model has no speed, so nothing in the record shows what the robot does there"
+    ]
 
 
 def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_drive: bool) -> tuple[str, ...]:

@@ -63,6 +63,24 @@ def scale_drive(drive: Mapping[str, Any], factor: float) -> dict[str, Any]:
     return scaled
 
 
+def measure_speeds(scene: Scene) -> dict[str, float]:
+    """Measure the fastest change of each length that a drive commands.
+
+    Args:
+        scene: the scene with the drive.
+
+    Returns:
+        By the name of its column [m/s, of segments 1/s, of joints rad/s].
+    """
+    drive, columns = scene.drive, scene.columns
+    times, rows = drive.times, drive.rows[:, : columns.lengths]
+    if drive.period is not None and drive.period > times[-1]:
+        times, rows = np.append(times, drive.period), np.vstack((rows, rows[:1]))
+    seconds = np.diff(times)
+    change = np.abs(np.diff(rows, axis=0))[seconds > 0.0] / seconds[seconds > 0.0, None]
+    return dict(zip(columns.names[: columns.lengths], change.max(axis=0, initial=0.0).tolist(), strict=True))
+
+
 def playback(scene: Scene, measured: Measurements, gain: float = 0.0) -> Scene:
     """Build the scene whose drive is the recorded commands.
 

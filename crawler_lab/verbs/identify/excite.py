@@ -14,6 +14,7 @@ from crawler_command.screen import (
     check_output,
     note_left_out,
     parse_bounds,
+    parse_slower_than,
     progress_bar,
     screen,
     write_scene,
@@ -43,6 +44,9 @@ def excite_command(
         typer.Option(help="End when the half widths of all 95 % intervals, relative to the values, are below it."),
     ] = 0.1,
     rate: Annotated[float, typer.Option(help="Rate of the measurements, Hz.")] = 50.0,
+    slower_than: Annotated[
+        str | None, typer.Option(metavar="r=0.1", help="Largest inertia number: play the drive as slowly as it needs.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random candidates.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     out: Annotated[Path | None, typer.Option(help="Write the scene with the drive to this .yaml file.")] = None,
@@ -74,6 +78,7 @@ def excite_command(
             rate,
             seed,
             progress,
+            None if slower_than is None else parse_slower_than(slower_than),
         )
     note_left_out(loaded, found.scene.document()["drive"])
     if out is not None:
@@ -86,6 +91,8 @@ def excite_command(
             f"{found.noise:g} m"
         )
         print_parameters(found.parameters, title, screen)
+        if found.inertia is not None:
+            screen.print(found.inertia.describe(found.scene.body))
         if out is not None:
             screen.print(f"scene: {out}")
     if found.interrupted:

@@ -57,6 +57,8 @@ def predict_command(
     screen.print(_tabulate_forecast(found))
     for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
         screen.print(line)
+    if found.inertia is not None:
+        screen.print(found.inertia.describe(found.scene.body))
     if png is not None:
         screen.print(f"picture: {png}")
 

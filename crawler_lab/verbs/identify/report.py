@@ -158,6 +158,8 @@ def _describe_misfit(found: Identification) -> list[str]:
         )
     if not found.model_fits:
         lines.append(f"the model does not fit: {found.where}")
+    if found.inertia is not None:
+        lines.append(found.inertia.describe(found.scene.body))
     if _rests_on_gain(found):
         lines.append(
             "forces hold for actuators that move exactly as commanded: 1 % of gain is 1 % of every friction "
