@@ -23,8 +23,8 @@ from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pie
 from ..motion.state import ACCOUNT_SIZE, VISITED
 
 UNDAMPED, DAMPED, BOUND = 0.25, 0.1, 0.4
-"""Relative deviation of the gain, per inertia number, of lightly and of well damped bodies, and what 19 of 20 lightly
-damped ones stay below: `python -m benchmarks inertia` measures all three."""
+"""Relative deviation of the gain, per inertia number, of lightly and of well damped bodies, and what 19 of 20 runs stay
+below: `python -m benchmarks inertia` measures all three."""
 PREDICTABLE = 0.3
 """Largest inertia number up to which the deviation is proportional to it."""
 _WISH = 0.01
@@ -58,7 +58,7 @@ class Inertia:
 
     @property
     def bound(self) -> float | None:
-        """Deviation below which 19 of 20 lightly damped bodies stay; None if it is not to be predicted."""
+        """Deviation below which 19 of 20 runs stay; None if it is not to be predicted."""
         return BOUND * self.number if self.number <= PREDICTABLE else None
 
     def summary(self) -> dict[str, Any]:
