@@ -179,6 +179,11 @@ class TangentPath:
         """Tensions from which the motion under given commands follows, see `run.repeats`, shape (S,) [N]."""
         return determining_tension(self._plan.body, self._state)
 
+    @property
+    def between(self) -> bool:
+        """Whether the point of a segment at rest has been exactly between two cells."""
+        return bool(self._piece["between"][0])
+
     def follow(self, vertices: Vertices) -> Stretch:
         """Follow ramps to each vertex in turn.
 

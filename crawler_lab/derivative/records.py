@@ -88,6 +88,7 @@ PIECE = np.dtype(
         ("lengthens", np.bool_),  # whether the segment lengthens there
         ("offset", _FLOAT),  # place of the contact, from the point at rest, at the start or the end, in elements
         ("drift", _FLOAT),  # velocity of the continuous body beside that of the grid, likewise [m per ramp]
+        ("between", np.bool_),  # output: whether the point has ever been between two contacts that both slide
     ],
     align=True,
 )

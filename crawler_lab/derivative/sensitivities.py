@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from crawler_model.notebook import write_html, write_numbers
 from crawler_model.run.screw import largest_distance
 from crawler_model.run.simulate import default_duration, simulate
 from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
+from crawler_model.scene.assembly import Assembly
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import check_form, with_loads
-from .grids import RESOLVED, compare_grids, other_grids
+from .grids import RESOLVED, compare_grids, other_grids, tilt
 from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
@@ -75,7 +77,7 @@ class Sensitivities:
             of the net translation that are not in `unresolved`, and in the plane of those of the displacement that are
             not one-sided, relative to the largest one with respect to the same parameter; NaN where there are none [1].
         unresolved: parameters with respect to which the derivatives of the net translation are those of the elements,
-            not those of the continuous segments: on other grids they differ by more than a twentieth; bool, shape (P,).
+            not those of the continuous segments: on other grids they differ by more than a fortieth; bool, shape (P,).
     """
 
     parameters: tuple[str, ...]
@@ -164,11 +166,9 @@ def sensitivities(
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
     if scene.dimension == 1:
-        found = _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
-        if not scene.body.segments:
-            return found
-        travel = float(np.ptp(simulate(scene, seconds, rate).net_translation))
-        return _compare_with_grids(scene, found, keys, tick_ns, travel)
+        travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
+        found = _differentiate_on_line(scene, derivatives, tick_ns, travel)
+        return _compare_with_grids(scene, found, keys, tick_ns, travel) if scene.body.segments else found
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
@@ -183,7 +183,10 @@ def _compare_with_grids(
     """Compare the derivatives of a body with segments with those on other grids."""
     differences = np.full(len(found.parameters), math.inf)
     try:
-        others = [_differentiate_on_line(grid, keys, tick_ns) for grid in other_grids(scene)]
+        others = []
+        for grid in other_grids(scene):
+            derivatives = differentiate_arrays(grid, keys, "sensitivities")
+            others.append(_differentiate_on_line(grid, derivatives, tick_ns, travel))
     except (SceneError, CommandError):  # no derivative exists there
         pass
     else:
@@ -196,10 +199,21 @@ def _compare_with_grids(
     return dataclasses.replace(found, tolerance=tolerance, unresolved=frozen(unresolved, np.bool_))
 
 
-def _differentiate_on_line(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray) -> Sensitivities:
-    """Differentiate a run on a line, on the grid of the scene."""
-    derivatives = differentiate_arrays(scene, keys, "sensitivities")
-    return _differentiate(scene, derivatives, tick_ns, TangentPath(scene, derivatives, samples=True))
+def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
+    """Differentiate a run on a line, on the grid of the scene; at a kink of the grid alone, on both sides of it."""
+    path = TangentPath(scene, derivatives, samples=True)
+    found = _differentiate(scene, derivatives, tick_ns, path)
+    if not path.between:
+        return found
+    first, second = (
+        _differentiate(side, derivatives, tick_ns, TangentPath(side, derivatives, samples=True)) for side in tilt(scene)
+    )
+    names = "displacement", "net_translation", "per_period", "work", "period_work"
+    mean: dict[str, Any] = {name: frozen(0.5 * (getattr(first, name) + getattr(second, name))) for name in names}
+    differences = compare_grids(first.net_translation, [second.net_translation], travel, found.values)
+    one_sided = first.one_sided | second.one_sided | (differences > RESOLVED)
+    kinks = found.kinks if one_sided.any() else ()
+    return dataclasses.replace(found, **mean, one_sided=frozen(one_sided, np.bool_), kinks=kinks)
 
 
 def _find_smallest(scene: Scene, derivatives: Derivatives) -> np.ndarray:
@@ -209,7 +223,7 @@ def _find_smallest(scene: Scene, derivatives: Derivatives) -> np.ndarray:
 
 
 def _differentiate(
-    scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, path: TangentPath | PlanePath
+    scene: Assembly, derivatives: Derivatives, tick_ns: np.ndarray, path: TangentPath | PlanePath
 ) -> Sensitivities:
     """Differentiate a run along a path."""
     x, dx = [scene.start_displacement[None]], [path.dx[None]]
@@ -286,7 +300,7 @@ def _at_fixed_times(
     return dx
 
 
-def _kinks(scene: Scene, path: TangentPath | PlanePath, vertex_ns: np.ndarray) -> tuple[Kink, ...]:
+def _kinks(scene: Assembly, path: TangentPath | PlanePath, vertex_ns: np.ndarray) -> tuple[Kink, ...]:
     """Find the times of kinks."""
     times = [
         (int(vertex_ns[ramp]) + place * (int(vertex_ns[ramp + 1]) - int(vertex_ns[ramp]))) / NS

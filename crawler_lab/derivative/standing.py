@@ -158,6 +158,7 @@ def begin_standing(system, derivative, commands, piece, sliding):
         return
     if sliding == contacts.shape[0]:
         piece.element = _find_pair(contacts, system.elements)
+        piece.between |= piece.element >= 0
     elif sliding == contacts.shape[0] - 1:
         piece.standing = _find_alone(system, commands)
         if piece.standing >= 0:

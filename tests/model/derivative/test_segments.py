@@ -14,14 +14,21 @@ from ..segments import segment, unequal
 
 _FINE = (397, 419, 443, 467, 491)
 """Meshes whose contacts lie differently: the mean of their errors vanishes to first order."""
+_WAVES = 4
+"""Which of the five kinds of `unequal` have waves."""
+_STEP = 0.04
+"""Step of the differences, as part of the value; the point at rest passes several cells."""
 
 
 @pytest.mark.parametrize("elements", [1, 6, 38, 50])
-@pytest.mark.parametrize("sides", [(0.11, 0.3), (0.3, 0.11)])
+@pytest.mark.parametrize("sides", [(0.11, 0.3), (0.3, 0.11), (0.1, 0.3), (0.3, 0.1)])
 def test_a_homogeneous_segment_has_the_derivatives_of_its_closed_form(
     elements: int, sides: tuple[float, float]
 ) -> None:
-    """The point at rest moves with friction; on a grid a contact takes its place, whatever the friction."""
+    """The point at rest moves with friction; on a grid a contact takes its place, whatever the friction.
+
+    With 0.1 and 0.3 the point is between the cells of two contacts, but for a single element.
+    """
     stroke = 0.2
     scene = segment(stroke, elements=elements, friction=dict(zip(("forward", "backward"), sides, strict=True)))
     path = "body.segments[0]."
@@ -34,7 +41,7 @@ def test_a_homogeneous_segment_has_the_derivatives_of_its_closed_form(
     expected = [by_weak, by_strong, part * weak, part]
     if sides[0] > sides[1]:
         expected = [-by_strong, -by_weak, -part * weak, -part]
-    np.testing.assert_allclose(found.per_period[1:], [expected, expected], atol=1e-12)
+    np.testing.assert_allclose(found.per_period[1:], [expected, expected], atol=1e-6 if 0.1 in sides else 1e-12)
     assert found.differentiable or elements < 10  # the first period has another closed form
 
 
@@ -50,13 +57,15 @@ def _gain(scene: Scene) -> float:
     return float(simulate(scene, 2.0, 1.0).per_period[-1])
 
 
-def _difference(document: dict[str, Any], key: str, value: float, step: float) -> float:
-    """Differentiate the gain by differences over several cells of fine grids."""
-    slopes = []
+def _differences(document: dict[str, Any], key: str, value: float) -> tuple[float, float, float]:
+    """Differentiate the gain by differences over several cells of fine grids: to less, to more, and their errors."""
+    sides = []
+    step = _STEP * value
     for elements in _FINE:
-        less, more = vary(_cut(document, elements), {key: [value * (1.0 - step), value * (1.0 + step)]})
-        slopes.append((_gain(more) - _gain(less)) / (2.0 * step * value))
-    return float(np.mean(slopes))
+        scenes = vary(_cut(document, elements), {key: [value - step, value, value + step]})
+        sides.append(np.diff([_gain(scene) for scene in scenes]) / step)
+    less, more = np.mean(sides, axis=0)
+    return float(less), float(more), 2.0 * float(np.std(sides, axis=0, ddof=1).max()) / len(_FINE) ** 0.5
 
 
 def _keys(document: dict[str, Any]) -> list[str]:
@@ -77,22 +86,38 @@ def compare_with_differences(seed: int, elements: int) -> tuple[int, int]:
     ours = found.net_translation[-1] if scene.drive.period is None else found.per_period[-1]
     gain, agree, flagged = abs(_gain(_cut(document, 401))), 0, 0
     for p, key in enumerate(keys):
-        value = found.values[p]
-        wide, narrow = (_difference(document, key, value, step) for step in (0.06, 0.03))
-        scale = max(abs(narrow), 0.02 * gain / abs(value))
-        known = 0.05 * scale + 2.0 * abs(wide - narrow)
         if found.one_sided[p] or found.unresolved[p]:
             flagged += 1
-        else:
-            assert abs(ours[p] - narrow) <= known, (seed, key, ours[p], wide, narrow)
-            agree += 1
+            continue
+        value = found.values[p]
+        less, more, error = _differences(document, key, value)  # a kink may be within a step, on one side
+        known = 0.05 * max(abs(less), abs(more), 0.02 * gain / abs(value)) + error
+        assert min(less, more) - known <= ours[p] <= max(less, more) + known, (seed, key, ours[p], less, more, error)
+        agree += 1
     return agree, flagged
 
 
-@pytest.mark.parametrize("seed", [1, 3, 5, 6, 9])
+@pytest.mark.parametrize("seed", [3, 5, 6, 7, 9, 27])
 def test_derivatives_of_segments_agree_with_differences_over_several_cells_or_are_flagged(seed: int) -> None:
     agree, flagged = compare_with_differences(seed, 80)
     assert agree + flagged >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", range(5))
+def test_derivatives_of_random_segments_agree_with_differences_or_are_flagged(kind: int) -> None:
+    """Of waves few are resolved, of hybrids more than half, of the other kinds most."""
+    counts = np.array([compare_with_differences(seed, 80) for seed in range(kind, 55, 5)])
+    agree, flagged = counts.sum(axis=0)
+    assert agree > flagged or kind == _WAVES
+
+
+def test_between_two_cells_a_coarse_grid_is_flagged_where_its_sides_differ() -> None:
+    """With two elements the contact in the middle rests all the time if forward friction is a little larger."""
+    keys = [f"body.segments[0].friction.{side}" for side in ("forward", "backward")]
+    found = sensitivities(segment(0.2, elements=2), keys, 3.0, 2.0)
+    assert found.one_sided.all()
+    assert found.kinks
 
 
 def test_derivatives_that_the_elements_do_not_resolve_are_flagged() -> None:
