@@ -126,7 +126,7 @@ def excite(
         rate: of the measurements [Hz].
         seed: of the random candidates.
         progress: called with the fraction done, in [0, 1].
-        slower_than: largest inertia number; the drive that was found is played as slowly as it needs to be, which may
+        slower_than: largest inertia number [1]; the drive that was found is played as slowly as it needs to be, which may
             take longer than `duration`.
 
     Returns:

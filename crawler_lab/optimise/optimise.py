@@ -85,7 +85,7 @@ def optimise(
         towards: in the plane, the direction in which a gain counts, counterclockwise from +x, of a body that turns from
             its heading [degrees]; None for 0. On a line +x counts.
         periods: on patches of ground, number of periods from the start of which the mean counts; None for 10.
-        slower_than: largest inertia number; the period becomes as long as it needs to be, which changes no gain.
+        slower_than: largest inertia number [1]; the period becomes as long as it needs to be, which changes no gain.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.

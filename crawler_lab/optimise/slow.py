@@ -15,7 +15,6 @@ def check_slower_than(scene: Scene, most: float | None) -> None:
     """Check a limit of the inertia number.
 
     Args:
-        scene: the scene.
         most: the limit [1]; None for none.
 
     Raises:

@@ -58,7 +58,7 @@ class Inertia:
 
     @property
     def bound(self) -> float | None:
-        """Deviation below which 19 of 20 runs stay; None if it is not to be predicted."""
+        """Deviation below which 19 of 20 runs stay [1]; None if it is not to be predicted."""
         return BOUND * self.number if self.number <= PREDICTABLE else None
 
     def summary(self) -> dict[str, Any]:
@@ -201,7 +201,11 @@ class InertiaMeter:
         self._note(np.zeros((1, *self._x.shape)), self._friction(self.target[None], self._x[None]), np.array([at_ns]))
 
     def result(self) -> Inertia:
-        """Return the largest inertia number so far."""
+        """Find the largest inertia number so far.
+
+        Returns:
+            The number, with what it means.
+        """
         number, at_ns, contact = self._worst
         drive = self._plan.drive
         period = drive.period or (float(drive.times[-1]) or None)

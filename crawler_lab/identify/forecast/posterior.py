@@ -41,11 +41,11 @@ class Posterior:
         values: shape (P,) [unit of each key].
         covariance: of the values, shape (P, P) [product of both units].
         bounds: lower and upper bound of each parameter that is only bounded; None on the side that is not known.
-        ended: those of them that the fit moved to a bound that was given to it.
         held: parameters whose value in the scene fixes the scale of ratios, with this value.
         groups: parameters of which only ratios are known, those that are held included.
         unknown: parameters that the record does not excite.
         freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
+        ended: those that are bounded and that the fit moved to a bound that was given to it.
         speeds: fastest commanded change of each length in the record [m/s, of segments 1/s]; empty if not known.
     """
 
