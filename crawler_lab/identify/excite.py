@@ -126,8 +126,8 @@ def excite(
         rate: of the measurements [Hz].
         seed: of the random candidates.
         progress: called with the fraction done, in [0, 1].
-        slower_than: largest inertia number [1]; the drive that was found is played as slowly as it needs to be, which may
-            take longer than `duration`.
+        slower_than: largest inertia number [1]; the drive that was found is played as slowly as it needs to be, which
+            may take longer than `duration`.
 
     Returns:
         The drive, and what to expect of it; after Ctrl-C the drive so far.
