@@ -39,7 +39,7 @@ $(VENV)/.collected: $(READY)
 # and with kernels that check the indices of all that they read and write
 test-all: test
 	$(PYTEST) -m slow
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/model
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/model tests/lab
 
 # bodies on a line: to compile the kernels of all others takes minutes for each version of Python
 smoke: $(READY)
@@ -55,7 +55,7 @@ coverage:
 	$(MAKE) measure-coverage VENV=.venv-coverage EXTRAS=$(EXTRAS),coverage
 
 measure-coverage: $(READY)
-	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model tests/lab --ignore tests/lab/gym --ignore tests/lab/play --ignore tests/lab/pictures
 	$(BIN)/coverage report
 
 bench: $(READY)

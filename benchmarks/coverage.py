@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.model.identify.laboratory import KINDS, identify_robot
+from tests.lab.identify.laboratory import KINDS, identify_robot
 
 from .bench import THREADS
 

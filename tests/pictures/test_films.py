@@ -29,7 +29,7 @@ from crawler_pictures.film.moving_set import moving_set
 from crawler_pictures.film.player import write_html
 from crawler_pictures.film.stage import Stage
 
-from ..play.pages import browsing
+from ..lab.play.pages import browsing
 from ..recordings import hold, messages, play, record, write
 from ..scenes import wave_scene
 

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, load_scene
 
-from ..play.pages import browsing, complaint, next_frame, open_page
+from ..lab.play.pages import browsing, complaint, next_frame, open_page
 from ..processes import wait_until
 from .graph import Graph, Process, graph
 

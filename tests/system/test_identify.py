@@ -24,7 +24,7 @@ from crawler_lab.verbs.identify.tables import read_table
 from crawler_model import Scene, load_scene, simulate
 
 from .. import recordings
-from ..model.identify.synthetic import chain, measure, scaled, walk
+from ..lab.identify.synthetic import chain, measure, scaled, walk
 
 
 def run(capsys, *arguments: object) -> tuple[int, str, str]:

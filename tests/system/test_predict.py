@@ -11,7 +11,7 @@ import yaml
 from crawler_model import Scene, limit_cycle, load_scene
 
 from ..commands import crawler
-from ..model.identify.posteriors import PERIODIC, posterior, printed, robot
+from ..lab.identify.posteriors import PERIODIC, posterior, printed, robot
 
 LEFT = "friction.backward[0]"
 

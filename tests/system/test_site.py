@@ -14,8 +14,8 @@ import pytest
 pytest.importorskip("material", reason="the site is built with the extra docs")
 pytest.importorskip("mkdocstrings_handlers.python", reason="the site is built with the extra docs")
 
+from ..lab.play.pages import browsing
 from ..pages import ROOT, pages
-from ..play.pages import browsing
 from ..processes import PATIENCE_S
 
 

@@ -10,7 +10,7 @@ import pytest
 from crawler_lab import sensitivities, vary
 from crawler_model import Scene, load_scene, simulate
 
-from ..segments import segment, unequal
+from ...model.segments import segment, unequal
 
 _FINE = (397, 419, 443, 467, 491)
 """Meshes whose contacts lie differently: the mean of their errors vanishes to first order."""

@@ -18,7 +18,7 @@ from crawler_lab.play.server import Server
 from crawler_lab.play.simulated import Simulated
 from crawler_model import CrawlerError, Scene, load_scene
 
-from ..sockets import addresses
+from ...sockets import addresses
 from .pages import complaint, next_frame
 
 Work = Callable[[Server, Any], Awaitable[None]]
