@@ -48,6 +48,7 @@ smoke: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 
 # in an environment of its own, because numba imports coverage wherever it is installed
