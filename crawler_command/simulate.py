@@ -215,7 +215,8 @@ def describe_energy(energy: Energy) -> str:
     """
     size = max(energy.peak, abs(energy.work), abs(energy.loads_work), energy.dissipation, abs(energy.stored))
     put_in = {"work": energy.work, "work of the loads": energy.loads_work}
-    went = {"dissipation": energy.dissipation, "lost in jumps": energy.jump_loss, "stored": energy.stored}
+    went = {"dissipation": energy.dissipation, "lost in springs": energy.internal_dissipation}
+    went |= {"lost in jumps": energy.jump_loss, "stored": energy.stored}
     always = ("work", "dissipation", "stored")
     parts = [
         " + ".join(f"{name} {write_energy(value, size)} J" for name, value in some.items() if value or name in always)

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from crawler_model import Trajectory
 from crawler_model.body.body import Body
-from crawler_model.body.curves import Bend
+from crawler_model.body.curves import YIELD, Bend
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_spring
 from crawler_pictures.numbers import write_length
@@ -86,7 +86,8 @@ def _find_weak(body: Body, run: Trajectory) -> list[str]:
     most, least = np.full(body.springs, np.inf), np.full(body.springs, -np.inf)
     for bend in body.bends:
         if bend.passive.slopes.max() == 0.0:
-            least[bend.spring], most[bend.spring] = bend.limits
+            more = sum(slider[YIELD] for slider in bend.sliders)
+            least[bend.spring], most[bend.spring] = bend.limits[0] - more, bend.limits[1] + more
     lines = []
     for i in np.flatnonzero((run.contact_state == 0).all(axis=0)):
         ahead = most[body.ends[:, 0] == i].sum() - least[body.ends[:, 1] == i].sum()

@@ -99,8 +99,13 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         The derivatives.
 
     Raises:
-        SceneError: if a key is unknown or its number cannot change.
+        SceneError: if a key is unknown or its number cannot change, or springs have hysteresis.
     """
+    if scene.body.dimension == 1 and any(bend.sliders for bend in scene.body.bends):
+        raise SceneError(
+            f"{caller}: {scene.name} has springs with hysteresis; derivatives of what they remember are not "
+            "implemented: `crawler sweep` varies their numbers"
+        )
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)
     for name, path in zip(names, everything.paths, strict=True):

@@ -15,7 +15,8 @@ from crawler_model.crawler.crawler import default_budget
 from crawler_model.errors import CommandError
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.line.build import build_curves
-from crawler_model.motion.line.records import Curves, zeros
+from crawler_model.motion.line.records import zeros
+from crawler_model.motion.line.springs.records import Curves
 from crawler_model.motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
 from crawler_model.motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
 from crawler_model.run.repeats import determining_tension

@@ -143,10 +143,9 @@ def excite(
         if not (math.isfinite(number) and number > 0.0):
             raise CrawlerError(f"excite: {name}: {number:g}; it must be > 0")
     if not scene.has_exact_derivatives:
-        where = "is in the plane" if scene.ground.track is None else f"has {scene.ground.track.key}"
         raise CrawlerError(
-            f"excite: {scene.name} {where}, where paths have no exact derivatives; record any drive in which all "
-            "contacts slide, and identify fits it"
+            f"excite: {scene.name} {scene.inexact}, where paths have no exact derivatives; record any drive in which "
+            "all contacts slide, and identify fits it"
         )
     if duration < _AT_ONCE * every or duration * rate > 1e6:
         raise CrawlerError(

@@ -38,7 +38,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
     """Follow a candidate period by period.
 
     Args:
-        cycle: the candidate, in the plane or on patches.
+        cycle: the candidate, in the plane, on patches or with hysteresis.
         goal: the direction, and the number of periods, of which the gain counts.
 
     Returns:
@@ -57,8 +57,10 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
         else:
             found = repeat_period(crawler, period, _SETTLED * tolerance_of(plan), _MOST_PERIODS)
             least = _ROUNDING * largest_distance(body)
-            motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.asarray(found.gain))
-            gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
+            motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.atleast_1d(found.gain))
+            gain = motion[0]
+            if body.dimension == 2:
+                gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
             work, settled = found.work, found.settled or found.transient_left <= _LITTLE * abs(gain)
     except CommandError:
         return None

@@ -106,8 +106,9 @@ def _check_kind(scene: Scene, request: Request) -> None:
         if turns and getattr(request, name):
             raise SceneError(f"{name}: not available for {scene.name}, which turns; leave it out")
     if request.tension and not scene.has_exact_derivatives:
-        where = "is in the plane" if scene.ground.track is None else f"has {scene.ground.track.key}"
-        raise SceneError(f"tension: not available for {scene.name}, which {where}; limit stroke or rate instead")
+        raise SceneError(
+            f"tension: not available for {scene.name}, which {scene.inexact}; limit stroke or rate instead"
+        )
     _check_towards_and_periods(scene, request.towards, request.periods)
     if (target is not None) != (objective == SCREW):
         given = "missing" if target is None else list(target)

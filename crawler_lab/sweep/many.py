@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from crawler_model.body.curves import energy_of_sliders
 from crawler_model.body.drive import NS
 from crawler_model.crawler.crawler import METHODS, Crawler, Method
 from crawler_model.errors import CommandError, CrawlerError, SceneError
@@ -196,7 +197,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
     x, tension = crawler.displacement, crawler.tension
     margin, lengths = np.array([crawler.visited_margin]), crawler.actuation[None]
     ledger = Ledger(scene.body, x[None], tension[None], margin, lengths)
-    kernel_s, screw = 0.0, PeriodScrew(crawler)
+    kernel_s, screw, bends = 0.0, PeriodScrew(crawler), scene.body.bends
+    remembered = energy_of_sliders(bends, crawler.hysteresis)
     for targets, ends in _ramps(crawler, settings):
         if stop is not None and stop():
             return None
@@ -212,7 +214,8 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
         assert step is not None
         kernel_s += time.perf_counter() - began
         lengths = targets[None, :, : scene.body.springs]
-        ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths)
+        gained = energy_of_sliders(bends, crawler.hysteresis) - remembered
+        ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths, gained)
     row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s, screw.gain())[0]
     return row
 

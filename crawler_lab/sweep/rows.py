@@ -77,16 +77,18 @@ class Ledger:
         ends: np.ndarray,
         jump_loss: float = 0.0,
         actuation: np.ndarray | None = None,
+        remembered: float = 0.0,
     ) -> None:
         """Add ramps.
 
         Args:
-            accounts: accounts of the ramps, shape (M, 14).
+            accounts: accounts of the ramps, shape (M, 15).
             spent: work, and energy lost to friction, on these ramps up to the end of each leg, shape (M, L, 2) [J].
             records: displacement, its rest and tension after each ramp, shape (M, V, R).
             ends: ramps that end a period, shape (E,).
             jump_loss: energy lost in jumps [J].
             actuation: L after each ramp, shape (M, V, S); bent springs need it [m].
+            remembered: energy that elements of hysteresis have stored since the start [J].
         """
         before = np.stack((self._total.work, self._total.dissipation), axis=-1)
         for leg, until in enumerate(find_legs(ends, records.shape[1])[1:]):
@@ -97,7 +99,7 @@ class Ledger:
         tension = records[:, :, width:].reshape(*records.shape[:2], *self._tension.shape[1:])
         x = records[:, :, : width // 2].reshape(*records.shape[:2], *self._x.shape[1:])
         energy = self._body.energy(tension, x, actuation)
-        self._stored, self._peak = energy[:, -1], np.maximum(self._peak, np.abs(energy).max(axis=1))
+        self._stored, self._peak = energy[:, -1] + remembered, np.maximum(self._peak, np.abs(energy).max(axis=1))
         self._last = records[:, -1, :width].copy()
         self._periods += ends.size
         if ends.size:

@@ -187,6 +187,10 @@ def through(at: Sequence[float], value: Sequence[float]) -> Curve:
     return Curve(knots, tension, float(slopes[0]), float(slopes[-1])).simplified()
 
 
+STIFFNESS, YIELD, START = range(3)
+"""Numbers of a slider of a bent spring: stiffness [N/m], force at which it yields, and at the start [N]."""
+
+
 @dataclass(frozen=True, eq=False)
 class Bend:
     """A spring of a body that is not linear.
@@ -195,17 +199,20 @@ class Bend:
         spring: its index.
         actuator: tension over u = z - L.
         passive: tension over z.
+        sliders: Maxwell-slip elements beside both: rows of stiffness [N/m], force at which it yields [N], and force at
+            the start [N]. Tensions and energies here are without them.
     """
 
     spring: int
     actuator: Curve
     passive: Curve
+    sliders: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def stiffness(self) -> float:
         """Largest stiffness of both together, for scales [N/m]."""
         total = self.actuator.slopes.max() + self.passive.slopes.max()
-        return float(total)
+        return float(total) + sum(slider[STIFFNESS] for slider in self.sliders)
 
     @property
     def is_flat_somewhere(self) -> bool:
@@ -264,6 +271,47 @@ class Bend:
             Same shape [J].
         """
         return _energy(self.actuator, elongation - actuation) + _energy(self.passive, elongation)
+
+
+def list_sliders(bends: Sequence[Bend]) -> np.ndarray:
+    """List the elements of hysteresis of bent springs, spring by spring.
+
+    Args:
+        bends: the springs.
+
+    Returns:
+        Index of the spring, stiffness [N/m], force at which it yields [N], and force at the start [N]; shape (H, 4).
+    """
+    return np.array([(bend.spring, *slider) for bend in bends for slider in bend.sliders]).reshape(-1, 4)
+
+
+def energy_of_sliders(bends: Sequence[Bend], force: np.ndarray) -> float:
+    """Compute the energy stored in the elements of hysteresis of bent springs.
+
+    Args:
+        bends: the springs.
+        force: of each element, shape (H,) [N].
+
+    Returns:
+        The energy [J].
+    """
+    return float((0.5 * force**2 / list_sliders(bends)[:, 1 + STIFFNESS]).sum())
+
+
+def add_start(bends: Sequence[Bend], tension: np.ndarray) -> np.ndarray:
+    """Add what elements of hysteresis have at the start of a scene to tensions without them.
+
+    Args:
+        bends: the bent springs.
+        tension: T of each spring, shape (..., S), changed in place [N].
+
+    Returns:
+        The sum, the same array [N].
+    """
+    for bend in bends:
+        for slider in bend.sliders:
+            tension[..., bend.spring] += slider[START]
+    return tension
 
 
 def _energy(curve: Curve, length: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import frozen
 from ..body.body import Body
+from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
 from ..errors import CommandError
 from ..motion.follow import State, build_motion
@@ -73,6 +74,17 @@ class Crawler:
     def tension(self) -> np.ndarray:
         """T, shape (S,), in the plane (S, 2) [N]."""
         return frozen(self._state.tension)
+
+    @property
+    def hysteresis(self) -> np.ndarray:
+        """Forces of the elements of hysteresis, spring by spring, shape (H,) [N]; empty without any."""
+        return frozen(getattr(self._state, "hysteresis", np.empty(0)))
+
+    @property
+    def stored(self) -> float:
+        """Energy stored in the springs, with their elements of hysteresis [J]."""
+        energy = float(self.body.energy(self.tension, self.displacement, self.actuation))
+        return energy + energy_of_sliders(self.body.bends, self.hysteresis)
 
     @property
     def actuation(self) -> np.ndarray:
@@ -300,7 +312,7 @@ class Crawler:
 
         Args:
             targets: rows as returned by `target`, shape (V, S + 2 N).
-            records: output after each ramp, shape (V, 2 N + S) or (V, 2 N + S + 3), see `Motion.follow`.
+            records: output after each ramp, shape (V, 2 N + S) or (V, 2 N + S + SPENT), see `Motion.follow`.
             before: an account to continue; its velocity and translation interval are not continued.
 
         Returns:
@@ -313,11 +325,9 @@ class Crawler:
         flags = targets.flags
         if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature
             targets = np.array(targets, dtype=np.float64)
+        account = np.zeros(ACCOUNT_SIZE) if before is None else before.account.copy()
         if before is None:
-            account = np.zeros(ACCOUNT_SIZE)
             account[VISITED] = np.inf
-        else:
-            account = before.account.copy()
         jumps = self._motion.follow(
             self._state,
             self._scratch,

@@ -15,6 +15,7 @@ from ..motion.state import (
     EVENTS,
     GAIN_LEAST,
     GAIN_MOST,
+    INTERNAL,
     LOADS_WORK,
     OVERSPENT,
     RESIDUAL,
@@ -32,7 +33,7 @@ class Certificate:
     """Residuals that certify a ramp: for `exact` the first three are rounding errors, for `catch_up` its error.
 
     Attributes:
-        energy_residual: dE + dissipation + jump_loss - work - loads_work [J].
+        energy_residual: dE + dissipation + internal_dissipation + jump_loss - work - loads_work [J].
         violation: largest amount by which a spring force exceeds its bound [N].
         complementarity: largest product of |dx_i| and the distance of g_i from the bound of its sliding direction [J].
         rounding: largest displacement error due to rounding that the first three cannot show because soft links store
@@ -51,7 +52,7 @@ class Step:
 
     Attributes:
         velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-        account: the entries behind the properties, in the order defined in `motion.state`, shape (14,).
+        account: the entries behind the properties, in the order defined in `motion.state`, shape (15,).
         jumps: of contacts that crossed a border onto ground that holds less, in order.
     """
 
@@ -74,6 +75,11 @@ class Step:
     def dissipation(self) -> float:
         """Energy lost to friction [J]."""
         return float(self.account[DISSIPATION] + self.account[LOADS_WORK])
+
+    @property
+    def internal_dissipation(self) -> float:
+        """Energy lost in springs with hysteresis [J]."""
+        return float(self.account[INTERNAL])
 
     @property
     def loads_work(self) -> float:
@@ -121,7 +127,9 @@ class Step:
     def _shown(self) -> list[str]:
         """List the attributes that describe the step."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
-        return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())]
+        return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())] + (
+            ["internal_dissipation"] if self.account[INTERNAL] else []
+        )
 
     def __repr__(self) -> str:
         """Show the whole account in one line; long arrays are abbreviated."""

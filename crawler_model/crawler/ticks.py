@@ -52,12 +52,13 @@ def follow_ticks(
         moved: output: displacement, and displacement gained in the tick, shape (R, 2, N) [m].
 
     Returns:
-        The account of each tick, shape (K, 14).
+        The account of each tick, shape (K, 15).
     """
     accounts = np.zeros((seconds.size, ACCOUNT_SIZE))
     accounts[:, VISITED] = np.inf
     line: Any = crawler._state
-    ramps, memory = crawler._scratch
+    motion: Any = crawler._motion
+    ramps, memory = crawler._scratch[0], motion.memory_for(line, crawler._scratch)
     ramps["budget"], ramps["exact"] = crawler.budget, crawler.method == "exact"
     ticks = (first, seconds, read, readout.joints, readout.seen)
     output = (accounts, of_joints, of_contacts, moved)

@@ -23,10 +23,12 @@ from ..compiled import lean
     ROUNDING,
     UNSOLVED,
     LOADS_WORK,
-) = range(14)
-"""Entries of the account: the first three, the gains, the rounding and LOADS_WORK are sums, VISITED is a minimum, the
-others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION + LOADS_WORK."""
-ACCOUNT_SIZE = 14
+    INTERNAL,
+) = range(15)
+"""Entries of the account: the first three, the gains, the rounding, LOADS_WORK and INTERNAL are sums, VISITED is a
+minimum, the others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION +
+LOADS_WORK. INTERNAL is that of springs with hysteresis."""
+ACCOUNT_SIZE = 15
 
 
 @lean
@@ -34,7 +36,7 @@ def dissipated(account):
     """Compute the energy lost to friction.
 
     Args:
-        account: shape (14,).
+        account: shape (15,).
 
     Returns:
         The energy [J].
@@ -42,18 +44,22 @@ def dissipated(account):
     return account[DISSIPATION] + account[LOADS_WORK]
 
 
-SPENT = 3
+SPENT = 5
 """Columns that a row of the records may have at its end, see `record_spent`."""
 
 
 @lean
 def record_spent(account, row):
-    """Write the work, the energy lost to friction and the work of the loads so far to the end of a row of the records.
+    """Write what was spent so far to the end of a row of the records.
+
+    It is the energy stored in elements of hysteresis, 0 here, the energy lost in them, the work of the actuators, the
+    energy lost to friction and the work of the loads.
 
     Args:
-        account: shape (14,).
+        account: shape (15,).
         row: at least SPENT entries, output.
     """
+    row[-5], row[-4] = 0.0, account[INTERNAL]
     row[-3] = account[WORK]
     row[-2] = dissipated(account)
     row[-1] = account[LOADS_WORK]

@@ -14,6 +14,7 @@ from ..motion.state import (
     AMBIGUOUS,
     DISSIPATION,
     EVENTS,
+    INTERNAL,
     LOADS_WORK,
     OVERSPENT,
     RESIDUAL,
@@ -26,7 +27,9 @@ from ..motion.state import (
 
 @dataclass(frozen=True)
 class Energy:
-    """The energy account of a run: stored + dissipation + jump_loss - work - loads_work = residual.
+    """The energy account of a run, whose parts balance.
+
+    stored + dissipation + internal_dissipation + jump_loss - work - loads_work = residual.
 
     Of M runs every entry may have shape (M,).
 
@@ -38,6 +41,7 @@ class Energy:
         peak: largest amount of energy stored during the run; that of a bent spring may be negative [J].
         loads_work: work of the loads [J].
         jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
+        internal_dissipation: energy lost in springs with hysteresis [J].
     """
 
     work: float
@@ -47,6 +51,7 @@ class Energy:
     peak: float
     loads_work: float = 0.0
     jump_loss: float = 0.0
+    internal_dissipation: float = 0.0
 
     @property
     def relative_residual(self) -> Any:
@@ -62,8 +67,8 @@ class Energy:
 class TickEnergies:
     """Energies by tick. Each array has shape (T,), its first entry is that of the start, and is read-only.
 
-    But for rounding (with catch_up, its error), the sum of dissipation, jump_loss and the change of stored since the
-    tick before equals the sum of work and loads_work.
+    But for rounding (with catch_up, its error), the sum of dissipation, internal_dissipation, jump_loss and the change
+    of stored since the tick before equals the sum of work and loads_work.
 
     Attributes:
         work: work of the actuators in the tick [J].
@@ -71,6 +76,7 @@ class TickEnergies:
         loads_work: work of the loads in the tick [J].
         jump_loss: energy lost in jumps on patches of ground in the tick [J].
         stored: energy stored in the springs at its end [J].
+        internal_dissipation: energy lost in springs with hysteresis in the tick [J].
     """
 
     work: np.ndarray
@@ -78,6 +84,7 @@ class TickEnergies:
     loads_work: np.ndarray
     jump_loss: np.ndarray
     stored: np.ndarray
+    internal_dissipation: np.ndarray
 
     def __post_init__(self) -> None:
         for array in vars(self).values():
@@ -99,6 +106,7 @@ class Total:
         dissipation: energy lost to friction [J].
         loads_work: work of the loads [J].
         jump_loss: energy lost in jumps [J].
+        internal_dissipation: energy lost in springs with hysteresis [J].
         residual: error of the energy balance [J].
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: whether the translation was determined on every ramp.
@@ -112,6 +120,7 @@ class Total:
     dissipation: Any = 0.0
     loads_work: Any = 0.0
     jump_loss: float = 0.0
+    internal_dissipation: Any = 0.0
     residual: Any = 0.0
     violation: Any = 0.0
     unique: Any = True
@@ -123,13 +132,14 @@ class Total:
         """Add the account of further ramps.
 
         Args:
-            account: account of these ramps, shape (14,), of M runs (M, 14).
+            account: account of these ramps, shape (15,), of M runs (M, 15).
             jump_loss: energy lost in jumps on them [J].
         """
         self.work = self.work + account[..., WORK]
         self.dissipation = self.dissipation + (account[..., DISSIPATION] + account[..., LOADS_WORK])
         self.loads_work = self.loads_work + account[..., LOADS_WORK]
         self.jump_loss += jump_loss
+        self.internal_dissipation = self.internal_dissipation + account[..., INTERNAL]
         self.residual = self.residual + account[..., RESIDUAL]
         self.violation = np.maximum(self.violation, account[..., VIOLATION])
         self.visited = np.minimum(self.visited, account[..., VISITED])

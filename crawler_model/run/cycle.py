@@ -26,7 +26,7 @@ from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
-from .repeats import REPEATS, determining_tension, tensions_repeat
+from .repeats import REPEATS, determining_stiffness, determining_tension, tensions_repeat
 from .screw import Screw, find_screw, gain_in_frame, places_in_frame
 from .transport import length_of
 
@@ -185,7 +185,7 @@ class _Periods:
             gained = average_displacement(body, moved)
         self.gains.append(gained[0])
         before, self.tension = self.tension, self.determine()
-        scale = np.ones(1) if self.turns else body.stiffness
+        scale = np.ones(1) if self.turns else determining_stiffness(body)
         energy = (self.tension - before) ** 2 / scale.reshape(-1, *(1,) * (body.dimension - 1))
         self.differences.append(math.sqrt(float(energy.sum())))
         # a slow transient is in each period a small part of what is left of it

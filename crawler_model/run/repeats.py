@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..body.body import Body
+from ..body.curves import STIFFNESS, list_sliders
 from ..crawler.crawler import Crawler
 from ..motion.follow import State
 from ..rounding import EPS
@@ -21,20 +22,36 @@ _ROUNDING = 16.0 * EPS
 def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     """Compute the tensions from which the motion goes on; where a spring is bent, those of a linear one instead.
 
-    The tension of a bent spring that is slack or at a limit does not tell its length.
+    The tension of a bent spring that is slack or at a limit does not tell its length. The forces of elements of
+    hysteresis follow, which remember.
 
     Args:
         body: the body.
         state: a crawler, or the state of a motion.
 
     Returns:
-        T, of bent springs k (z - L) with their largest stiffness, shape (S,), in the plane (S, 2) [N].
+        T, of bent springs k (z - L) with their largest stiffness, then the forces of the elements of hysteresis, shape
+        (S + H,), in the plane (S, 2) [N].
     """
     tension = np.array(state.tension)
     for bend in body.bends:
         s = bend.spring
         tension[s] = bend.stiffness * (state.shape[s] - state.actuation[s])
-    return tension
+    memory = getattr(state, "hysteresis", None)
+    return tension if memory is None or not memory.size else np.concatenate((tension, memory))
+
+
+def determining_stiffness(body: Body) -> np.ndarray:
+    """Compute the stiffnesses that belong to `determining_tension`.
+
+    Args:
+        body: the body, or M variations of it.
+
+    Returns:
+        Shape (S + H,), of variations (M, S) [N/m].
+    """
+    sliders = list_sliders(body.bends)
+    return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS])) if sliders.size else body.stiffness
 
 
 def tensions_repeat(
@@ -47,7 +64,7 @@ def tensions_repeat(
     Args:
         body: the body, or M variations of it.
         targets: the commands of a period, shape (V, F), of variations (M, V, F).
-        tension: at the end of a period, from `determining_tension`, shape (S,) or (M, S), in the plane (S, 2) [N].
+        tension: at the end of a period, from `determining_tension`, shape (S + H,) or (M, S), in the plane (S, 2) [N].
         before: at the end of the period before, same shape.
         part: of the friction and the tensions at the contact where they are weaker, by which a tension may differ [1].
 
@@ -66,7 +83,11 @@ def tensions_repeat(
         reach = np.abs(targets[..., :lengths]).max(axis=-2)
         bounds = np.abs(targets[..., lengths : lengths + 2 * n]).max(axis=-2)
         friction = np.maximum(bounds[..., :n], bounds[..., n:])
-    at_contact = body.force_size(pull) + friction
+    at_contact = body.force_size(pull[: body.springs] if pull.ndim == 1 else pull) + friction
     weaker = np.minimum(at_contact[..., body.ends[:, 0]], at_contact[..., body.ends[:, 1]])
-    tolerance = part * weaker + _ROUNDING * (body.stiffness * reach + pull)
+    sliders = list_sliders(body.bends)
+    if sliders.size:
+        of = np.concatenate((np.arange(body.springs), sliders[:, 0].astype(np.int64)))
+        weaker, reach = weaker[of], reach[of]
+    tolerance = part * weaker + _ROUNDING * (determining_stiffness(body) * reach + pull)
     return np.asarray((change <= tolerance).all(axis=-1))

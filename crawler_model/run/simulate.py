@@ -141,7 +141,7 @@ class _Run:
         self.jumps: list[TimedJump] = []
         start = crawler.scene.drive.targets[:1]
         self.wall_push = find_pushes(crawler.scene, np.zeros(1), self.x[:1], self.tension[:1], start)
-        self.spent = np.zeros((ticks + 1, SPENT))
+        self.spent = np.zeros((ticks + 1, SPENT - 1))
         self.jump_loss = np.zeros(ticks + 1)
         self.yaw = np.full(ticks + 1, crawler.yaw)
         self.waypoint_yaw: list[float] = [crawler.yaw]
@@ -151,7 +151,7 @@ class _Run:
     @staticmethod
     def energy_of(crawler: Crawler) -> float:
         """Compute the energy stored in the springs of a crawler [J]."""
-        return float(crawler.body.energy(crawler.tension, crawler.displacement, crawler.actuation))
+        return crawler.stored
 
     def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
@@ -172,7 +172,7 @@ class _Run:
         tension = records[:, 2 * width : -SPENT].reshape(-1, *self.tension.shape[1:])
         place = (vertex_ns.size, *self.x.shape[1:])
         x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
-        stored = self.crawler.body.energy(tension, x, targets[:, : tension.shape[1]])
+        stored = self.crawler.body.energy(tension, x, targets[:, : tension.shape[1]]) + records[:, -SPENT]
         self.peak = max(self.peak, float(np.abs(stored).max()))
         rows = slice(first + 1, first + 1 + tick_ns.size)
         self.stored[rows] = stored[ends]
@@ -180,7 +180,7 @@ class _Run:
         self.x[rows] = x[ends]
         self.yaw[rows] = yaw[ends]
         self.tension[rows] = tension[ends]
-        self.spent[rows] = np.diff(records[ends, -SPENT:], axis=0, prepend=0.0)
+        self.spent[rows] = np.diff(records[ends, 1 - SPENT :], axis=0, prepend=0.0)
         way = at[vertex_ns[at] > 0]
         self.wall_push += find_pushes(self.crawler.scene, vertex_ns[way] / NS, x[way], tension[way], targets[way])
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
@@ -230,7 +230,7 @@ class _Run:
             self.inertia.stop(int(self.time_ns[-1]))
         total = self.total
         margin, when = self.stability or (None, None)
-        work, dissipation, loads_work = self.spent.T.copy()
+        internal, work, dissipation, loads_work = self.spent.T.copy()
         arrays = (
             self.time_ns / NS,
             self.x,
@@ -259,8 +259,9 @@ class _Run:
                 self.peak,
                 float(total.loads_work),
                 total.jump_loss,
+                float(total.internal_dissipation),
             ),
-            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, self.stored),
+            energies=TickEnergies(work, dissipation, loads_work, self.jump_loss, self.stored, internal),
             jumps=tuple(self.jumps),
             wall_push=tuple(self.wall_push),
             stability_margin=margin,

@@ -15,7 +15,7 @@ from ..body.plan import Plan
 from ..body.turning import SIDES
 from ..errors import CrawlerError
 
-ENERGIES = ("work", "dissipation", "loads_work", "jump_loss", "stored")
+ENERGIES = ("work", "dissipation", "loads_work", "jump_loss", "stored", "internal_dissipation")
 
 
 class Group(NamedTuple):

@@ -289,6 +289,7 @@ class Trajectory(Tabular):
             "energy": {
                 "work": energy.work,
                 "dissipation": energy.dissipation,
+                "internal_dissipation": energy.internal_dissipation,
                 "stored": energy.stored,
                 "residual": energy.relative_residual,
             },
@@ -296,6 +297,7 @@ class Trajectory(Tabular):
             "jumps": [dataclasses.asdict(jump) for jump in self.jumps],
             "jump_loss": energy.jump_loss,
             "wall_push": [dataclasses.asdict(push) for push in self.wall_push],
+            "internal_dissipation": energy.internal_dissipation,
             "violation": self.violation,
             "unique": self.unique,
             "uniqueness_margin": self.uniqueness_margin,

@@ -98,7 +98,7 @@ def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
     contacts = np.array(given.contacts, dtype=np.float64)
     if parts.dimension == 2:
         contacts = contacts.reshape(-1, 2)
-    body = assemble_bends(given, build_body(contacts, stiffness, between, segments))
+    body = assemble_bends(parts, build_body(contacts, stiffness, between, segments))
     check_span(body)
     return body
 
@@ -131,7 +131,7 @@ def reuse_body(parts: SceneParts, like: Body, doubts: np.ndarray | None = None) 
         first += segment.elements
     refuse(~(stiffness > 0.0), 1, lambda i: f"body: spring {i} has {stiffness[i]:g} N/m; it must be > 0", doubts)
     if parts.body.is_bent:
-        bent = assemble_bends(parts.body, dataclasses.replace(like, stiffness=stiffness, bends=()))
+        bent = assemble_bends(parts, dataclasses.replace(like, stiffness=stiffness, bends=()))
         check_span(bent)
         return bent
     return like if np.array_equal(stiffness, like.stiffness) else dataclasses.replace(like, stiffness=frozen(stiffness))

@@ -12,7 +12,7 @@ from ..body.body import Body
 from ..body.curves import Bend, Curve, line, through
 from ..errors import SceneError
 from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, TensionPart
-from .parts import BodyPart
+from .parts import BodyPart, SceneParts, StartPart
 
 
 def read_links(parts: BodyPart) -> tuple[tuple[tuple[int | str, int | str], ...] | None, Any]:
@@ -44,24 +44,26 @@ def read_links(parts: BodyPart) -> tuple[tuple[tuple[int | str, int | str], ...]
     return pairs or None, tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
 
 
-def assemble_bends(parts: BodyPart, body: Body) -> Body:
+def assemble_bends(parts: SceneParts, body: Body) -> Body:
     """Bend the springs of a body as its parts demand.
 
     Args:
-        parts: the parts of the body.
+        parts: the parts of the scene.
         body: the body on a line with linear springs.
 
     Returns:
         The body; the same one if all its springs are linear.
 
     Raises:
-        SceneError: if a spring has no stiffness at any length, or stops do not fit; the message names it.
+        SceneError: if a spring has no stiffness at any length, stops do not fit, or hysteresis does not; the message
+            names it.
     """
-    if not parts.is_bent:
+    forces = _forces_at_start(parts, body)
+    if not parts.body.is_bent:
         return body
-    bends = _bend_links(parts, body)
-    for place, part in enumerate(parts.segments):
-        bends += _bend_segment(part, body, place)
+    bends = _bend_links(parts.body, body, forces)
+    for place, part in enumerate(parts.body.segments):
+        bends += _bend_segment(part, body, place, forces[body.link_springs.size + place])
     bends.sort(key=lambda bend: bend.spring)
     stiffness = np.array(body.stiffness)
     for bend in bends:
@@ -69,7 +71,32 @@ def assemble_bends(parts: BodyPart, body: Body) -> Body:
     return dataclasses.replace(body, stiffness=frozen(stiffness), bends=tuple(bends))
 
 
-def _bend_segment(part: SegmentPart, body: Body, place: int) -> list[Bend]:
+def _forces_at_start(parts: SceneParts, body: Body) -> list[tuple[float, ...]]:
+    """Read the forces of the elements of hysteresis at the start: of each link, then of each segment [N]."""
+    given = parts.start.hysteresis if isinstance(parts.start, StartPart) else None
+    links, count = parts.body.links, body.link_springs.size
+    each: list[Any] = [links] * count if isinstance(links, LinksPart) else list(links or ())
+    each += parts.body.segments
+    if given is None:
+        return [(0.0,) * len(part.hysteresis) for part in each]
+    if len(given) != len(each):
+        raise SceneError(f"start.hysteresis: {len(given)} list(s); give one for each of {len(each)} links and segments")
+    for i, (forces, part) in enumerate(zip(given, each, strict=True)):
+        if len(forces) != len(part.hysteresis):
+            raise SceneError(
+                f"start.hysteresis.{i}: {len(forces)} force(s); it must be one for each of {len(part.hysteresis)} "
+                "element(s) of `hysteresis` there"
+            )
+        for k, (force, element) in enumerate(zip(forces, part.hysteresis, strict=True)):
+            if not abs(force) <= element.yields_at:
+                raise SceneError(
+                    f"start.hysteresis.{i}.{k}: {force:g} N; it must be from {-element.yields_at:g} to "
+                    f"{element.yields_at:g} N, where the element yields"
+                )
+    return list(given)
+
+
+def _bend_segment(part: SegmentPart, body: Body, place: int, forces: tuple[float, ...]) -> list[Bend]:
     """Bend the elements of a segment, whose curves are over the strain."""
     if not part.is_bent:
         return []
@@ -81,11 +108,12 @@ def _bend_segment(part: SegmentPart, body: Body, place: int) -> list[Bend]:
             curve = _curve(part.curve).stretched(segment.element)
         else:
             curve = line(0.0 if part.stiffness is None else float(body.stiffness[spring]))
-        bends.append(_bend(spring, _actuator(curve, part.tension), passive, where))
+        bend = Bend(spring, _actuator(curve, part.tension), passive, _sliders(part, segment.element, forces))
+        bends.append(_checked(bend, where))
     return bends
 
 
-def _bend_links(parts: BodyPart, body: Body) -> list[Bend]:
+def _bend_links(parts: BodyPart, body: Body, forces: list[tuple[float, ...]]) -> list[Bend]:
     links, count = parts.links, body.link_springs.size
     if links is None:
         return []
@@ -99,14 +127,24 @@ def _bend_links(parts: BodyPart, body: Body) -> list[Bend]:
             curve = line(stiffness) if link.curve is None else _curve(link.curve)
             actuator = _actuator(curve, link.tension)
             passive = _passive(link.passive, where, _touching(parts, body, spring))
-            bends.append(_bend(spring, actuator, passive, where))
+            bends.append(_checked(Bend(spring, actuator, passive, _sliders(link, 1.0, forces[i])), where))
     return bends
 
 
-def _bend(spring: int, actuator: Curve, passive: Curve, where: str) -> Bend:
-    bend = Bend(spring, actuator, passive)
+def _sliders(part: Any, length: float, forces: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
+    """Build the elements of hysteresis of a spring, whose stiffness in a segment is a modulus over its length [m]."""
+    given = zip(part.hysteresis, forces, strict=True)
+    return tuple((element.stiffness / length, element.yields_at, force) for element, force in given)
+
+
+def _checked(bend: Bend, where: str) -> Bend:
     if not bend.stiffness > 0.0:
         raise SceneError(f"{where}: its tension is the same at all lengths; a spring needs a stiffness > 0 somewhere")
+    if bend.sliders and bend.is_flat_somewhere:
+        raise SceneError(
+            f"{where}.hysteresis: where the spring beside it is slack or at a limit of `tension`, nothing but "
+            "the elements would hold, which is not supported; give it a `passive` spring, too"
+        )
     return bend
 
 

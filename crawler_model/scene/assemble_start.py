@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import frozen, spread
 from ..body.body import Body
+from ..body.curves import add_start
 from ..body.drive import Drive
 from ..body.planar_loads import split_target
 from ..errors import SceneError
@@ -186,7 +187,7 @@ def starts_beyond(assembly: Assembly) -> np.ndarray:
 def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the spring forces at the start, their distances from the bounds, and these less rounding, (..., N)."""
     body, track, x = assembly.body, assembly.ground.track, assembly.start_displacement
-    tension = body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :])
+    tension = add_start(body.bends, body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :]))
     force = body.spring_force(tension)
     forward, backward, _ = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)

@@ -60,8 +60,17 @@ class Assembly:
 
     @property
     def has_exact_derivatives(self) -> bool:
-        """Whether paths have exact derivatives: on a line, on ground that is the same everywhere."""
-        return self.dimension == 1 and self.ground.track is None
+        """Whether paths have exact derivatives, see `inexact`."""
+        return not self.inexact
+
+    @property
+    def inexact(self) -> str:
+        """Why paths have no exact derivatives, as a predicate; empty if they have."""
+        if self.dimension == 2:
+            return "is in the plane"
+        if self.ground.track is not None:
+            return f"has {self.ground.track.key}"
+        return "has springs with hysteresis" if any(bend.sliders for bend in self.body.bends) else ""
 
     @property
     def angles(self) -> np.ndarray:

@@ -96,6 +96,33 @@ class PassivePart(Part):
         return self
 
 
+class HysteresisPart(Part):
+    """A Maxwell-slip element beside a spring, a spring in series with a slider: it yields and remembers."""
+
+    stiffness: Number = key("Stiffness, of segments a modulus.", "N/m, N", exclusiveMinimum=0)
+    yields_at: Number = key(
+        "The force at which the element yields: beyond it only its slip grows, and the energy is lost.",
+        "N",
+        alias="yield",
+        exclusiveMinimum=0,
+    )
+
+    @model_validator(mode="after")
+    def _positive(self) -> HysteresisPart:
+        for name, value in (("stiffness", self.stiffness), ("yield", self.yields_at)):
+            if not value > 0.0:
+                raise ValueError(f"{name}: {value:g}; it must be > 0")
+        return self
+
+
+_MOST_ELEMENTS = 100
+HysteresisKey = Annotated[
+    tuple[HysteresisPart, ...],
+    key(
+        "Maxwell-slip elements beside the spring, over the elongation z: they draw loops of loading and unloading. "
+        "Default: none."
+    ),
+]
 CurveKey = Annotated[
     CurvePart | None, key("Tension over z - L, instead of `stiffness`; along segments over the strain.")
 ]
@@ -114,13 +141,14 @@ PassiveKey = Annotated[
 
 
 class Bendable(Part):
-    """Base of links and segments, which have `stiffness`, `curve`, `tension` and `passive`."""
+    """Base of links and segments, which have `stiffness`, `curve`, `tension`, `passive` and `hysteresis`."""
 
     @property
     def is_bent(self) -> bool:
         """Whether the tension is anything but a stiffness times z - L."""
         part: Any = self
-        return part.curve is not None or part.tension is not None or part.passive is not None
+        given = (part.curve, part.tension, part.passive)
+        return bool(part.hysteresis) or any(value is not None for value in given)
 
     @model_validator(mode="after")
     def _has_one_tension(self) -> Bendable:
@@ -134,6 +162,8 @@ class Bendable(Part):
                 raise ValueError("tension: it limits an actuator; give its `stiffness` or `curve`, too")
         if isinstance(part.tension, float) and part.tension < 0.0:
             raise ValueError(f"tension: {part.tension:g} N; it must be >= 0, for -F to F")
+        if len(part.hysteresis) > _MOST_ELEMENTS:
+            raise ValueError(f"hysteresis: {len(part.hysteresis)} elements; at most {_MOST_ELEMENTS}")
         return self
 
 
@@ -144,6 +174,7 @@ class LinksPart(Bendable):
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
+    hysteresis: HysteresisKey = ()
     between: tuple[tuple[int | str, int | str], ...] | None = optional(
         "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
         "Default: the chain of neighbours."
@@ -157,6 +188,7 @@ class LinkPart(Bendable):
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
+    hysteresis: HysteresisKey = ()
     between: tuple[int | str, int | str] | None = optional(
         "The two ends that it joins, as in `between` of a mapping; given for all links or for none. Default: the chain "
         "of neighbours."
@@ -194,6 +226,7 @@ class SegmentPart(Bendable):
     curve: CurveKey = None
     tension: TensionKey = None
     passive: PassiveKey = None
+    hysteresis: HysteresisKey = ()
     friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction)] = key("Friction per length of ground.")
     accuracy: Number | None = optional(
         "Largest error of the net translation per period, relative to the largest commanded change of length; it "

@@ -96,6 +96,11 @@ class StartPart(Part):
         "[x, y] each.",
         "m",
     )
+    hysteresis: tuple[tuple[Number, ...], ...] | None = optional(
+        "Forces of the elements of hysteresis: a list for each link, then for each segment, with a force for each "
+        "element, at most its `yield` either way. Default: none.",
+        "N",
+    )
 
 
 class WavePart(Part):

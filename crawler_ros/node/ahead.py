@@ -125,7 +125,7 @@ class Ahead:
             yields: adds up how long links are slack or stalled; None where none can be.
 
         Returns:
-            The account of each tick, shape (K, 14).
+            The account of each tick, shape (K, 15).
         """
         began, used = time.monotonic_ns(), time.thread_time_ns()
         starts_ns = np.concatenate(([start_ns], ends_ns[:-1]))

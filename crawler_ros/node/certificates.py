@@ -38,7 +38,7 @@ class Certificates:
         self._add(*account[_ENTRIES].tolist())
 
     def add_many(self, accounts: np.ndarray) -> None:
-        """Add the accounts of several ticks, shape (K, 14)."""
+        """Add the accounts of several ticks, shape (K, 15)."""
         entries = np.abs(accounts[:, _ENTRIES])
         self._add(*entries[:, :3].max(axis=0).tolist(), *entries[:, 3:].sum(axis=0).tolist())
 

@@ -49,7 +49,7 @@ class Counts:
             self.stability = min(self.stability, stability)
 
     def add_many(self, accounts: np.ndarray) -> None:
-        """Add the accounts of several ticks without jumps, shape (K, 14)."""
+        """Add the accounts of several ticks without jumps, shape (K, 15)."""
         self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
         self.overspent += int(accounts[:, OVERSPENT].sum())
         self.unsolved += int(accounts[:, UNSOLVED].sum())

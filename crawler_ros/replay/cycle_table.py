@@ -25,7 +25,9 @@ class EnergyBalance:
         dissipation: energy dissipated by friction [J].
         jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
         stored: change of the energy in the springs [J].
-        residual: stored + dissipation + jump_loss - work - loads_work, relative to the largest of them [1].
+        residual: stored + dissipation + internal_dissipation + jump_loss - work - loads_work, relative to the largest
+            of them [1].
+        internal_dissipation: energy lost in springs with hysteresis [J].
     """
 
     work: float
@@ -34,6 +36,7 @@ class EnergyBalance:
     jump_loss: float
     stored: float
     residual: float
+    internal_dissipation: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -94,14 +97,14 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
     last = table.run.size - 1 if last is None else last
     rows = slice(first + 1, last + 1)
     same = table.run[first + 1 : last + 1] == table.run[first:last]
-    sums = (table.work, table.loads_work, table.dissipation, table.jump_loss)
-    work, loads_work, dissipation, jump_loss = (float(v[rows].sum()) for v in sums)
+    sums = (table.work, table.loads_work, table.dissipation, table.jump_loss, table.internal_dissipation)
+    work, loads_work, dissipation, jump_loss, internal = (float(v[rows].sum()) for v in sums)
     change = np.diff(table.stored[first : last + 1])
     stored = float(table.stored[last] - table.stored[first]) if same.all() else float(change[same].sum())
     peak = float(table.stored[first : last + 1].max(initial=0.0))
     size = max(abs(work), abs(loads_work), abs(dissipation), abs(stored), peak)
-    residual = abs(stored + dissipation + jump_loss - work - loads_work) / size if size > 0.0 else 0.0
-    return EnergyBalance(work, loads_work, dissipation, jump_loss, stored, residual)
+    residual = abs(stored + dissipation + internal + jump_loss - work - loads_work) / size if size > 0.0 else 0.0
+    return EnergyBalance(work, loads_work, dissipation, jump_loss, stored, residual, internal)
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:

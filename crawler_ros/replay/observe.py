@@ -168,6 +168,7 @@ class _Reader:
             loads_work=unknown,
             dissipation=unknown,
             jump_loss=unknown,
+            internal_dissipation=unknown,
             stored=unknown,
             margin=unknown,
             nearest=np.full(count, -1),

@@ -8,12 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from crawler_model import Crawler
+from crawler_model.body.curves import energy_of_sliders
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
-from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, VISITED, WORK
+from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK
 from crawler_model.run.account import average_displacement
 from crawler_model.run.screw import to_frame
 from crawler_model.run.trajectory import TimedJump
@@ -53,6 +54,7 @@ class RampRows:
         self._places: list[np.ndarray | None] = []
         self._accounts: list[np.ndarray] = []
         self._losses: list[float] = []
+        self._remembered: list[float] = []
         self._own_margins: list[np.ndarray] = []
         self._yaw: list[float] = []
         self._stability: list[float | None] = []
@@ -101,6 +103,7 @@ class RampRows:
         if crawler.body.turning is not None:
             self._yaw.append(crawler.yaw)
             self._stability.append(crawler.stability_margin)
+        self._remembered.append(energy_of_sliders(crawler.body.bends, crawler.hysteresis))
         self._losses.append(0.0 if step is None else step.jump_loss)
         for jump in () if step is None else step.jumps:
             when = (start_ns + jump.part * (end_ns - start_ns)) / NS
@@ -164,7 +167,8 @@ class RampRows:
             loads_work=account[:, LOADS_WORK],
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             jump_loss=np.array(self._losses),
-            stored=body.energy(tension, x, target[:, : body.lengths]),
+            internal_dissipation=account[:, INTERNAL],
+            stored=body.energy(tension, x, target[:, : body.lengths]) + np.array(self._remembered),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),
             visited=account[:, VISITED],

@@ -43,6 +43,7 @@ class Piece:
         loads_work: work of the loads, shape (R,) [J].
         dissipation: dissipated energy, shape (R,) [J].
         jump_loss: energy lost in jumps on patches of ground, shape (R,) [J].
+        internal_dissipation: energy lost in springs with hysteresis, shape (R,) [J].
         stored: stored energy at the end, shape (R,) [J].
         margin: least distance of a spring force from its nearest bound at the end, shape (R,) [N].
         nearest: number of the contact with the least distance, shape (R,); -1 when it is not known.
@@ -78,6 +79,7 @@ class Piece:
     loads_work: np.ndarray
     dissipation: np.ndarray
     jump_loss: np.ndarray
+    internal_dissipation: np.ndarray
     stored: np.ndarray
     margin: np.ndarray
     nearest: np.ndarray
@@ -94,7 +96,7 @@ Sink = Callable[[Piece], None]
 
 _COPIED = (
     *("run", "start_ns", "end_ns", "ends_tick", "work", "loads_work", "dissipation", "jump_loss", "stored"),
-    *("margin", "nearest", "visited", "unique", "forward", "backward"),
+    *("internal_dissipation", "margin", "nearest", "visited", "unique", "forward", "backward"),
 )
 
 
@@ -107,6 +109,7 @@ class RampTable:
         self.run = self.start_ns = self.end_ns = np.zeros(0, np.int64)
         self.ends_tick = self.unique = np.zeros(0, bool)
         self.work = self.loads_work = self.dissipation = self.jump_loss = self.stored = np.zeros(0)
+        self.internal_dissipation = np.zeros(0)
         self.margin = self.visited = np.zeros(0)
         self.nearest = np.zeros(0, np.int64)
         self.forward = self.backward = np.zeros(0)

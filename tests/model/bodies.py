@@ -19,6 +19,8 @@ DISCS, POLYGONS = "plane, discs", "plane, polygons"
 ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
 BENT = tuple(f"bent {kind}" for kind in ON_A_LINE)
 """With springs of every kind, and loads."""
+HYSTERETIC = (f"hysteretic {CHAIN}",)
+"""With springs that remember."""
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
 TOLERANCE = 1e-6
@@ -124,10 +126,13 @@ class Drawn:
         if self.kind in IN_THE_PLANE:
             return _in_the_plane(self, rng, length, force, mirrored)
         ground = self.kind.removesuffix(" between walls")
-        plain = dataclasses.replace(self, kind=ground.removesuffix(" on patches").removeprefix("bent "))
+        bare = ground.removesuffix(" on patches").removeprefix("bent ").removeprefix("hysteretic ")
+        plain = dataclasses.replace(self, kind=bare)
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
             driven = _with_bent_springs(self, driven, length, force, mirrored)
+        if self.kind in HYSTERETIC:
+            driven = _with_hysteresis(self, driven, length, force)
         if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
         if self.kind in BETWEEN_WALLS:
@@ -247,6 +252,24 @@ def _with_bent_springs(drawn: Drawn, driven: Driven, length: float, force: float
             loads = -np.append(loads[:isolated][::-1], loads[isolated:])
         data["loads"] = loads.tolist()
     return Driven(data, driven.rows)
+
+
+def _with_hysteresis(drawn: Drawn, driven: Driven, length: float, force: float) -> Driven:
+    """Put up to two elements of hysteresis beside each of its springs."""
+    rng = np.random.default_rng([drawn.seed, 3])
+    body = driven.data["body"]
+
+    def draw(stiffness: float) -> dict[str, Any]:
+        numbers = rng.integers(1, 5, (2, 2)) / 4.0 if drawn.ties else np.exp(rng.uniform(-1.5, 0.5, (2, 2)))
+        numbers *= (stiffness, 0.5 * force)
+        elements = [dict(zip(("stiffness", "yield"), each, strict=True)) for each in numbers.tolist()]
+        return {"stiffness": stiffness, "hysteresis": elements[: int(rng.integers(0, 3))]}
+
+    body = body | {"segments": [part | draw(part["stiffness"]) for part in body["segments"]]}
+    if "links" in body:
+        links = zip(body["links"]["between"], body["links"]["stiffness"], strict=True)
+        body["links"] = [{"between": pair} | draw(stiffness) for pair, stiffness in links]
+    return Driven(driven.data | {"body": body}, driven.rows)
 
 
 def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirrored: bool) -> Driven:

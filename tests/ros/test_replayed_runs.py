@@ -85,7 +85,9 @@ def test_json_has_the_keys_of_the_contract_and_only_numbers(real):
     cycle = {"start", "end", "translation", "slip_forward", "slip_backward", "work", "dissipation", "stored"}
     assert cycle | {"residual", "least_margin", "transient"} <= said["cycles"][0].keys()
     assert {"contact", "direction", "start", "length", "distance"} <= said["slips"][0].keys()
-    assert {"work", "loads_work", "dissipation", "jump_loss", "stored", "residual"} == said["energy"].keys()
+    assert {"internal_dissipation", "work", "loads_work", "dissipation", "jump_loss", "stored", "residual"} == said[
+        "energy"
+    ].keys()
     assert {"least", "least_at", "visited", "unique"} <= said["margins"].keys()
 
 

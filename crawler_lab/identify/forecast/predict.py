@@ -201,10 +201,9 @@ def predict(
     posterior, fitted = _apply(posterior, scene)
     played = _with_drive(fitted, drive, posterior.gain)
     if not played.has_exact_derivatives:
-        where = "is in the plane" if played.ground.track is None else f"has {played.ground.track.key}"
         raise SceneError(
-            f"predict: {played.name} {where}, where paths have no exact derivatives for bands; simulate the scene of "
-            "identify --out under the other drive"
+            f"predict: {played.name} {played.inexact}, where paths have no exact derivatives for bands; simulate the "
+            "scene of identify --out under the other drive"
         )
     check_differentiable(played, "predict")
     period = played.drive.period

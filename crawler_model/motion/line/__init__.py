@@ -21,6 +21,7 @@ Args:
     foot: its FOOT.
     spring: the SPRING.
     bend: its BEND.
+    sliders: SLIDER, shape (H,); None if no spring has any.
     z: its elongation [m].
     u: z - L [m].
     count: number of contacts of the block, or of its rows where a sleeping run is one.

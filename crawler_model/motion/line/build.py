@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from ...body.body import Body
+from ...body.curves import add_start, list_sliders
 from ...body.ground import Track
 from ...errors import SceneError
 from ...rounding import EPS
 from ..pieces import NO_PIECES
-from .records import BACKWARD, BEND, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, PIECE, RUN, SPRING, STRAY, zeros
+from .records import BACKWARD, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, RUN, SPRING, zeros
+from .springs.records import BEND, PIECE, SLIDER, STRAY
 from .tournament import find_winners
 
 LONG = 256
@@ -105,14 +107,14 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 
 
-def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def build_curves(body: Body) -> tuple[Any, ...] | None:
     """Build the curves of bent springs.
 
     Args:
         body: the body.
 
     Returns:
-        The fields of `Curves`; None if all springs are linear.
+        The fields of `Curves` without sliders, which are state; None if all springs are linear.
     """
     if not body.bends:
         return None
@@ -123,10 +125,34 @@ def build_curves(body: Body) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None
             tables.append(curve.pieces)
             bends[name][k] = count
             count += len(tables[-1])
+    last = np.cumsum([len(bend.sliders) for bend in body.bends])
+    bends["first"][1:], bends["last"] = last[:-1], last
     pieces = zeros(count, PIECE)
     for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
         pieces[name] = column
-    return bends, pieces, zeros(body.contacts, STRAY)
+    return bends, pieces, zeros(body.contacts, STRAY), None
+
+
+def build_sliders(body: Body, elongation: np.ndarray) -> np.ndarray | None:
+    """Build the sliders of springs with hysteresis, with the forces that they have at the start of the scene.
+
+    Args:
+        body: the body.
+        elongation: z, shape (S,) [m].
+
+    Returns:
+        SLIDER, shape (H,); None if there are none.
+    """
+    given = list_sliders(body.bends)
+    if not given.size:
+        return None
+    spring, stiffness, limit, force = given.T
+    sliders = zeros(spring.size, SLIDER)
+    sliders["spring"] = spring
+    sliders["stiffness"], sliders["limit"], sliders["reach"] = stiffness, limit, limit / stiffness
+    sliders["slip"] = elongation[sliders["spring"]] - force / stiffness
+    sliders["mode"] = np.where(np.abs(force) >= limit, np.sign(force), 0.0)
+    return sliders
 
 
 def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -147,7 +173,7 @@ def build_springs(body: Body, x: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     for segment in body.segments:
         springs["element"][..., segment.springs] = 1
     springs["elongation"] = body.elongation(x)
-    springs["tension"] = body.tension(springs["elongation"], lengths)
+    springs["tension"] = add_start(body.bends, body.tension(springs["elongation"], lengths))
     springs["bend"] = -1
     for k, bend in enumerate(body.bends):
         springs["bend"][..., bend.spring] = k

@@ -14,9 +14,11 @@ from .events import follow_events
 from .ground.borders import ROUNDING
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .ground.walls import blocked_sides, has_walls
-from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Curves, Model, Terrain
+from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
 from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
+from .springs.records import Curves
+from .springs.sliders import energy_remembered
 from .springs.slides import slide
 from .step import take_step
 
@@ -157,7 +159,7 @@ def _finish(contacts, springs, model, ramp, target):
     _certify(contacts, springs, model, ramp)
     if ramp.s == 1.0:
         ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
-    ramp.residual = (stored - ramp.stored) + ramp.dissipation - ramp.work
+    ramp.residual = (stored - ramp.stored) + (ramp.dissipation + ramp.internal) - ramp.work
     return stored
 
 
@@ -214,7 +216,7 @@ def _follow_ramp(contacts, springs, model, ramp, target):
 
 
 @inlined
-def _record(contacts, springs, account, row):
+def _record(contacts, springs, curves, account, row):
     """Write displacements, their rounding rests and tensions to a row of the records, and what was spent."""
     n, count = contacts.shape[0], springs.shape[0]
     for i in range(n):
@@ -223,12 +225,21 @@ def _record(contacts, springs, account, row):
         row[2 * n + j] = springs[j].tension
     if row.shape[0] > 2 * n + count:
         state.record_spent(account, row)
+        _record_remembered(springs, curves, row)
+
+
+@lean
+def _record_remembered(springs, curves, row):
+    """Write the energy stored in sliders to its place at the end of a row of the records."""
+    if curves is None:
+        return
+    row[row.shape[0] - state.SPENT] = energy_remembered(springs, curves.bends, curves.sliders)
 
 
 @inlined
 def _begin_account(ramp):
     """Empty the account of the ramp."""
-    ramp.work = ramp.dissipation = ramp.loads_work = ramp.residual = ramp.lost = 0.0
+    ramp.work = ramp.dissipation = ramp.internal = ramp.loads_work = ramp.residual = ramp.lost = 0.0
     ramp.violation = ramp.complementarity = ramp.ambiguous = ramp.gain_least = ramp.gain_most = 0.0
     ramp.overspent = ramp.unsolved = ramp.rounding = 0.0
     ramp.visited = np.inf
@@ -241,6 +252,7 @@ def _add_ramp(account, ramp):
     account[state.WORK] += ramp.work
     account[state.DISSIPATION] += ramp.dissipation - ramp.lost
     account[state.LOADS_WORK] += ramp.loads_work
+    account[state.INTERNAL] += ramp.internal
     account[state.RESIDUAL] += ramp.residual
     account[state.EVENTS] += ramp.events
     account[state.GAIN_LEAST] += ramp.gain_least
@@ -267,7 +279,7 @@ def _build_curves(curves):
     """Name the parts of the curves; None without bent springs."""
     if curves is None:
         return None
-    return Curves(curves[0], curves[1], curves[2])
+    return Curves(curves[0], curves[1], curves[2], curves[3])
 
 
 @lean
@@ -288,7 +300,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         ramps: RAMP, memory with the budget and the method, shape (1,).
         memory: the fields of a `Model`.
         targets: L, bounds and, with loads, these at each ramp's end, shape (V, S + 2 N) or (V, S + 3 N).
-        account: total account, shape (14,), added to.
+        account: total account, shape (15,), added to.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
 
     Returns:
@@ -316,7 +328,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
                 return ramp.runaway
             _add_ramp(account, ramp)
         if records.shape[0] > 0:
-            _record(contacts, springs, account, records[v])
+            _record(contacts, springs, curves, account, records[v])
     _forget_rounding(contacts, ramp)
     add_interval(contacts, model.curves, ramp, account)
     if account[state.VISITED] == np.inf:  # no command changed

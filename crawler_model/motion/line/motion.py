@@ -18,6 +18,7 @@ from ..state import WORK, dissipated
 from . import build
 from .follow import follow
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
+from .springs.records import SLIDER_STATE
 
 Scratch = tuple[np.ndarray, tuple[Any, ...]]
 """RAMP, shape (1,), and the fields of a `Model`."""
@@ -32,12 +33,14 @@ class LineState:
         springs: SPRING, shape (S,).
         loaded: whether the body has loads.
         feet: FOOT, shape (N,); None without patches of ground.
+        sliders: SLIDER, shape (H,); None without springs with hysteresis.
     """
 
     contacts: np.ndarray
     springs: np.ndarray
     loaded: bool = False
     feet: np.ndarray | None = None
+    sliders: np.ndarray | None = None
 
     @property
     def _commanded(self) -> np.ndarray:
@@ -63,6 +66,15 @@ class LineState:
     def tension(self) -> np.ndarray:
         """Tensions T, shape (S,) [N]."""
         return self.springs["tension"].copy()
+
+    @property
+    def hysteresis(self) -> np.ndarray:
+        """Forces of the elements of hysteresis, spring by spring, shape (H,) [N]."""
+        if self.sliders is None:
+            return np.empty(0)
+        s = self.sliders
+        way = self.springs["elongation"][s["spring"]] - s["slip"]
+        return np.where(s["mode"] == 0, s["stiffness"] * way, s["mode"] * s["limit"])
 
     @property
     def actuation(self) -> np.ndarray:
@@ -114,7 +126,8 @@ class LineState:
     def copy(self) -> LineState:
         """Copy the state, see `State`."""
         feet = None if self.feet is None else self.feet.copy()
-        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet)
+        sliders = None if self.sliders is None else self.sliders.copy()
+        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet, sliders)
 
     def restore(self, kept: LineState) -> None:
         """Return to former numbers.
@@ -125,12 +138,16 @@ class LineState:
         self.contacts[:], self.springs[:] = kept.contacts, kept.springs
         if self.feet is not None:
             self.feet[:] = kept.feet
+        if self.sliders is not None:
+            self.sliders[:] = kept.sliders
 
     def bits(self) -> bytes:
         """Return all numbers that last from ramp to ramp as bytes, see `State`."""
         parts = [self.contacts[name] for name, _ in CONTACT_STATE] + [self.springs[name] for name in SPRING_STATE]
         if self.feet is not None:
             parts += [self.feet[name] for name in FOOT_STATE]
+        if self.sliders is not None:
+            parts += [self.sliders[name] for name in SLIDER_STATE]
         return b"".join(part.tobytes() for part in parts)
 
 
@@ -168,7 +185,8 @@ class LineMotion:
         contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
         if feet is not None:
             contacts["at"] &= ~feet["walled"]
-        return LineState(contacts, springs, loaded, feet)
+        sliders = build.build_sliders(self.body, springs["elongation"])
+        return LineState(contacts, springs, loaded, feet, sliders)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
@@ -177,6 +195,19 @@ class LineMotion:
         ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         return ramps, build.build_memory(self.body)
+
+    def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
+        """Find the fields of a `Model` for a state: those of the memory, and the sliders of the state.
+
+        Args:
+            state: the state, on ground without patches.
+            scratch: memory from `scratch`.
+
+        Returns:
+            The fields.
+        """
+        parts = scratch[1]
+        return parts if state.sliders is None else (*parts[:7], (*parts[7][:3], state.sliders))
 
     def follow(
         self,
@@ -190,7 +221,7 @@ class LineMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        ramps, parts = scratch
+        ramps, parts = scratch[0], self.memory_for(state, scratch)
         ramps["budget"], ramps["exact"] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
         memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, None, parts[7])
@@ -238,7 +269,7 @@ class LineMotion:
             rows: which of them end the ramps, the same for all variations, shape (V,).
             legs: the ramps at which the account is read, increasing from 0 to V, shape (L + 1,).
             budget: upper limit of work in one ramp.
-            accounts: total accounts, shape (M, 14), added to.
+            accounts: total accounts, shape (M, 15), added to.
             spent: output: work and dissipation since the start of the call at each end of a leg, shape (M, L, 2) [J].
             records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
         """

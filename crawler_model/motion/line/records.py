@@ -81,54 +81,8 @@ SPRING = np.dtype(
     align=True,
 )
 
-PIECE = np.dtype(
-    [
-        ("begin", _FLOAT),  # from where to where it reaches [m]
-        ("end", _FLOAT),
-        ("slope", _FLOAT),  # [N/m]
-        ("at", _FLOAT),  # a point on it [m]
-        ("value", _FLOAT),  # tension there [N]
-        ("energy", _FLOAT),  # and energy [J]
-    ],
-    align=True,
-)
-"""A piece of the curve of a bent spring; those of a curve follow each other."""
-
-BEND = np.dtype(
-    [
-        ("actuator", _INT),  # present piece of the curve of the actuator, over u = z - L
-        ("passive", _INT),  # likewise of the passive spring, over z
-        ("command", _FLOAT),  # change of L along the ramp [m]
-        ("share", _FLOAT),  # on these pieces, the tension of the actuator alone is share T + back L + offset [1]
-        ("back", _FLOAT),  # [N/m]
-        ("offset", _FLOAT),  # [N]
-        ("next", _FLOAT),  # place on the ramp of its next knot
-        ("coming", _BYTE),  # which one: 1 the end, -1 the beginning of the piece of the actuator, 2 and -2 of the other
-        ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
-        ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
-        ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
-        ("kept_actuator", _INT),  # pieces in the last part of that which has been solved
-        ("kept_passive", _INT),
-    ],
-    align=True,
-)
-"""What is known of a bent spring beside SPRING."""
-
 SPRING_STATE = ("length", "elongation", "tension", "still_tension", "still_length")
 """Fields of a spring that last from ramp to ramp."""
-
-STRAY = np.dtype(
-    [
-        ("slower", _FLOAT),  # change of its velocity by other translations of the present stretch, < 0 [m]
-        ("faster", _FLOAT),  # likewise, > 0 [m]
-        ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
-        ("most", _FLOAT),  # to where [m]
-        ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
-        ("kept_most", _FLOAT),  # likewise, of `most` [m]
-    ],
-    align=True,
-)
-"""What is known of a contact beside CONTACT where springs are bent, see `critical.interval`."""
 
 FOOT = np.dtype(
     [
@@ -301,6 +255,7 @@ RAMP = np.dtype(
         # its account, as in `motion.state`
         ("work", _FLOAT),  # of the actuators [J]
         ("dissipation", _FLOAT),  # by the bounds, which contain the loads [J]
+        ("internal", _FLOAT),  # by sliders [J]
         ("loads_work", _FLOAT),  # of the loads [J]
         ("residual", _FLOAT),  # of the balance of energy [J]
         ("violation", _FLOAT),  # largest force beyond a bound [N]
@@ -364,17 +319,6 @@ class Terrain(NamedTuple):
     walls: Any
     """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]; None without
     walls, where nothing of them is compiled."""
-
-
-class Curves(NamedTuple):
-    """The bent springs of a body."""
-
-    bends: np.ndarray
-    """BEND, shape (B,)."""
-    pieces: np.ndarray
-    """PIECE, of all curves, shape (P,)."""
-    strays: np.ndarray
-    """STRAY, memory, shape (N,)."""
 
 
 class Model(NamedTuple):

@@ -265,7 +265,7 @@ class PlaneMotion:
                 records[v, 4 * n : 4 * n + parts] = moving.tension.ravel()
                 if records.shape[1] > 4 * n + parts:
                     lost = account[DISSIPATION] + account[LOADS_WORK]
-                    records[v, -SPENT:] = account[WORK], lost, account[LOADS_WORK]
+                    records[v, -SPENT:] = 0.0, 0.0, account[WORK], lost, account[LOADS_WORK]
         moving.recentre(self.unit)
         vars(state).update(vars(moving))
         if account[VISITED] == np.inf:  # no command changed

@@ -23,7 +23,7 @@ from ..cycles import ROUNDING
 _MOST_SHOWN = 8
 _OVERLAP = 0.9
 """Part of the longer of two cycles that both have to share to be compared."""
-_RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps"}
+_RARE = {"loads_work": "work of loads", "jump_loss": "lost in jumps", "internal_dissipation": "lost in springs"}
 """Energies that are shown only where there are any, and their names in the table."""
 
 
@@ -143,7 +143,7 @@ def compare_runs(one: Replay, two: Replay) -> RunComparison:
     if one.energy is not None and two.energy is not None:
         energy = {
             name: getattr(two.energy, name) - getattr(one.energy, name)
-            for name in ("work", "loads_work", "dissipation", "jump_loss", "stored")
+            for name in ("work", "loads_work", "dissipation", "internal_dissipation", "jump_loss", "stored")
         }
     return RunComparison(
         first=one,

@@ -48,7 +48,11 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     energy = {}
     if replay.energy is not None:
         names = {"work": "work of the actuators", "dissipation": "dissipation", "stored": "stored"}
-        rare = {"loads_work": "work of the loads", "jump_loss": "lost in jumps"}
+        rare = {
+            "loads_work": "work of the loads",
+            "jump_loss": "lost in jumps",
+            "internal_dissipation": "lost in springs",
+        }
         names |= {name: text for name, text in rare.items() if samples.get(name).any()}
         energy = {text: samples.get(name) for name, text in names.items()}
     y, turns = samples.get("net_translation"), replay.turns

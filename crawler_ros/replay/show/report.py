@@ -188,6 +188,7 @@ def _print_account(replay: Replay, screen: Console) -> None:
         screen.print("energy and margins: not known without a simulation")
         return
     jumps = f"lost in jumps {energy.jump_loss:.6g} J, " if energy.jump_loss else ""
+    jumps += f"lost in springs {energy.internal_dissipation:.6g} J, " if energy.internal_dissipation else ""
     loads = f"work of loads {energy.loads_work:.6g} J, " if energy.loads_work else ""
     screen.print(
         f"whole run: work {energy.work:.6g} J, {loads}dissipation {energy.dissipation:.6g} J, {jumps}"

@@ -17,7 +17,7 @@ from ..slips import sliding
 
 _MOST, _LEAST, _MOST_NUMBERS = 4000, 1000, 4_000_000
 _SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation", "stored", "command")
-_SUMMED = ("work", "dissipation", "loads_work", "jump_loss")
+_SUMMED = ("work", "dissipation", "loads_work", "jump_loss", "internal_dissipation")
 
 
 class Samples:
@@ -86,7 +86,7 @@ class Samples:
 
         Args:
             name: end_ns, position, tension, least, most, net_translation, stored, command or state; or work,
-                dissipation, loads_work or jump_loss, which are sums since the start.
+                dissipation, internal_dissipation, loads_work or jump_loss, which are sums since the start.
 
         Returns:
             Shape (T, ...); the state of a sample joins those of its ramps, as `pixels.join_states` does.

@@ -15,7 +15,7 @@ from crawler_model.scene.assemble import assemble_together
 from tests.scenes import NOT_TURNING
 
 ON_PATCHES = ("friction_step", "hill_top", "ice")
-BENT = ("peristaltic_stops", "silicone_chain", "stalling_inchworm", "tendon_worm")
+BENT = ("peristaltic_stops", "rubber_worm", "silicone_chain", "stalling_inchworm", "tendon_worm")
 ALONE = ON_PATCHES + BENT
 LINES = [name for name in NOT_TURNING if not name.startswith("planar") and name not in ALONE]
 KEYS = (

@@ -74,7 +74,7 @@ def test_names_and_units_of_a_chain():
     friction = [f"contact_{i}/{side}" for side in ("forward", "backward") for i in (0, 1)]
     each = [f"contact_{i}/{q}" for q in ("velocity", "state", "ground_force") for i in (0, 1)]
     commands = [f"command/{name}" for name in ("link_0", *friction)]
-    energies = ["work", "dissipation", "loads_work", "jump_loss", "stored"]
+    energies = ["work", "dissipation", "loads_work", "jump_loss", "stored", "internal_dissipation"]
     expected = ["time", "contact_0", "contact_1", *commands, *each, *friction, "link_0/tension", "net_translation"]
     assert table.column_names == [*expected, *energies]
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}

@@ -17,6 +17,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import EPS, NOISE
 from ..advance import advance_spring
+from .sliders import TURN, energy_of_sliders, find_turn, force_of_sliders, line_of_sliders, settle_sliders
 
 
 @inlined
@@ -73,17 +74,18 @@ def find_pieces(bend, pieces, u, z, direction):
 
 
 @lean
-def _set_stiffness(spring, bend, pieces):
+def _set_stiffness(spring, bend, pieces, sliders):
     """Make a spring linear, as it is on its present pieces."""
     actuator, passive = pieces[bend.actuator], pieces[bend.passive]
+    elastic, yielding = line_of_sliders(sliders, bend)
     slope = actuator.slope
-    stiffness = slope + passive.slope
+    stiffness = slope + (passive.slope + elastic)
     spring.stiffness, spring.compliance, spring.d_length, bend.share = stiffness, 0.0, 0.0, 0.0
     if stiffness > 0.0:
         spring.compliance = 1.0 / stiffness
         bend.share = slope / stiffness
         spring.d_length = bend.share * bend.command
-    other = passive.value - passive.slope * passive.at
+    other = (passive.value - passive.slope * passive.at) + yielding
     bend.back = -slope * (1.0 - bend.share)
     bend.offset = (actuator.value - slope * actuator.at) * (1.0 - bend.share) - bend.share * other
     if slope == 0.0:
@@ -109,19 +111,20 @@ def find_way(bend, pieces, z, u, direction):
 
 
 @inlined
-def change_piece(contacts, spring, bend, pieces, ramp, coming):
+def change_piece(contacts, spring, bend, curves, ramp, coming):
     """Let a spring go on on the piece behind a knot, with what its command pulls on its contacts there.
 
     Args:
+        curves: the `Curves`.
         ramp: the RAMP; the parts of the body are unknown afterwards if the spring was or is flat.
-        coming: the knot, as `coming` of a BEND; 0 if the pieces are set already.
+        coming: the knot, as `coming` of a BEND; 0 or a turn if the pieces and sliders are set already.
     """
     flat, pull = spring.stiffness == 0.0, spring.stiffness * spring.d_length
     if abs(coming) == 1:
         bend.actuator += coming
-    else:
+    elif coming < TURN:
         bend.passive += coming // 2
-    _set_stiffness(spring, bend, pieces)
+    _set_stiffness(spring, bend, curves.pieces, curves.sliders)
     change = pull - spring.stiffness * spring.d_length
     contacts[spring.a].pull += change
     contacts[spring.b].pull -= change
@@ -140,12 +143,13 @@ def begin_bend(spring, curves):
         return
     bend = curves.bends[spring.bend]
     bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
+    bend.slipped = 0
     u, z = spring.elongation - spring.length, spring.elongation
     find_pieces(bend, curves.pieces, u, z, -bend.command)
     if bend.command == 0.0:
         bend.actuator = _find_softer(curves.pieces, bend.actuator, u)
         bend.passive = _find_softer(curves.pieces, bend.passive, z)
-    _set_stiffness(spring, bend, curves.pieces)
+    _set_stiffness(spring, bend, curves.pieces, curves.sliders)
 
 
 @inlined
@@ -160,12 +164,13 @@ def energy_of(spring, curves):
     bend = curves.bends[spring.bend]
     u = spring.elongation - spring.length
     find_pieces(bend, curves.pieces, u, spring.elongation, 0.0)
-    return _energy_on(curves.pieces[bend.actuator], u) + _energy_on(curves.pieces[bend.passive], spring.elongation)
+    energy = _energy_on(curves.pieces[bend.actuator], u) + _energy_on(curves.pieces[bend.passive], spring.elongation)
+    return energy + energy_of_sliders(curves.sliders, bend, spring.elongation)
 
 
 @lean
 def _tension_of(bend, pieces, u, z):
-    """Compute the tension of a bent spring from its lengths."""
+    """Compute the tension of a bent spring, without that of its sliders, from its lengths."""
     find_pieces(bend, pieces, u, z, 0.0)
     return tension_on(pieces[bend.actuator], u) + tension_on(pieces[bend.passive], z)
 
@@ -202,11 +207,12 @@ def finish_bend(contacts, spring, curves, ramp, length):
     if ramp.stepping:
         _account_step(spring, bend, pieces, ramp, before, z)
     u, leash = z - spring.length, leash_of(contacts, spring, ramp)
-    if z == spring.elongation:
+    settle_sliders(curves.sliders, bend, ramp, z)
+    if z == spring.elongation and not bend.slipped:
         change = _tension_of(bend, pieces, u, z) - _tension_of(bend, pieces, z - spring.still_length, z)
         spring.tension = spring.still_tension + change
     else:
-        tension = _tension_of(bend, pieces, u, z)
+        tension = _tension_of(bend, pieces, u, z) + force_of_sliders(curves.sliders, bend, z)
         spring.tension = min(max(spring.tension, tension - leash), tension + leash)
         if ramp.stepping:
             spring.tension = tension
@@ -325,6 +331,9 @@ def find_knot(contacts, spring, curves, ramp):
     if other < first:
         first = other
         bend.coming = 2 if stretch > 0.0 else -2
+    first, turning = find_turn(curves.sliders, bend, z, stretch, first)
+    if turning >= 0:
+        bend.coming = TURN + turning
     if (rate == 0.0) != (stretch == 0.0) and first > 0.0 and spring.stiffness > 0.0:
         way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
         if way != 0 and bend.yielded != ramp.s:

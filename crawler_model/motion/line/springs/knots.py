@@ -12,6 +12,7 @@ from ..ground.falls import draw, draw_spring
 from ..timing import schedule_next
 from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
 from .parts import find_part, side_of
+from .sliders import TURN, change_sliders, force_of_sliders, keep_sliders, return_sliders, turn_slider
 
 
 @lean
@@ -20,11 +21,13 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     bend = curves.bends[spring.bend]
     draw_spring(spring, curves, ground, ramp)
     advance_spring(spring, curves, ramp, ramp.s)
-    change_piece(contacts, spring, bend, curves.pieces, ramp, bend.coming)
+    z, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
+    if bend.coming >= TURN:
+        turn_slider(curves.sliders, bend, ramp, z, bend.coming - TURN)
+    change_piece(contacts, spring, bend, curves, ramp, bend.coming)
     bend.next = np.inf
     if bend.yields:
         bend.yielded = ramp.s
-    _, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
     spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
 
 
@@ -91,10 +94,12 @@ def _time_contact(contacts, springs, model, ramp, i):
 @lean
 def _change_step(contacts, spring, bend, curves, ramp, coming):
     """Let a spring go on behind a knot, and its tension at the start of an implicit step be that on the lines there."""
-    change_piece(contacts, spring, bend, curves.pieces, ramp, coming)
+    change_piece(contacts, spring, bend, curves, ramp, coming)
     actuator, passive = curves.pieces[bend.actuator], curves.pieces[bend.passive]
     z, u = spring.elongation, spring.elongation - spring.length
-    change = (tension_on(actuator, u) + tension_on(passive, z)) - spring.tension
+    change = (tension_on(actuator, u) + (tension_on(passive, z) + force_of_sliders(curves.sliders, bend, z))) - (
+        spring.tension
+    )
     bend.excess += change
     spring.tension += change
     spring.rate = 0.0
@@ -128,13 +133,13 @@ def change_pieces(contacts, springs, curves, ramp, one_only):
         u = z - (spring.length + ramp.part * bend.command)
         actuator, passive = bend.actuator, bend.passive
         near = 64.0 * EPS * (abs(contacts[spring.a].x) + abs(contacts[spring.b].x) + abs(z) + abs(u))
-        if _is_on(curves.pieces[actuator], u, near) and _is_on(curves.pieces[passive], z, near):
-            continue
-        find_pieces(bend, curves.pieces, u, z, 0.0)
-        if one_only:
-            bend.actuator = actuator + min(max(bend.actuator - actuator, -1), 1)
-            bend.passive = passive + min(max(bend.passive - passive, -1), 1)
-        if bend.actuator != actuator or bend.passive != passive:
+        turned = change_sliders(curves.sliders, bend, z, near)
+        if not (_is_on(curves.pieces[actuator], u, near) and _is_on(curves.pieces[passive], z, near)):
+            find_pieces(bend, curves.pieces, u, z, 0.0)
+            if one_only:
+                bend.actuator = actuator + min(max(bend.actuator - actuator, -1), 1)
+                bend.passive = passive + min(max(bend.passive - passive, -1), 1)
+        if turned or bend.actuator != actuator or bend.passive != passive:
             changed = True
             _change_step(contacts, spring, bend, curves, ramp, 0)
     return changed
@@ -184,6 +189,7 @@ def keep_part(contacts, model, curves, part):
         model.block[i].kept = contacts[i].v if part > 0.0 else 0.0
     if curves is None:
         return
+    keep_sliders(curves.sliders)
     for b in range(curves.bends.shape[0]):
         bend = curves.bends[b]
         bend.kept_actuator, bend.kept_passive = bend.actuator, bend.passive
@@ -201,7 +207,8 @@ def return_to_part(contacts, springs, model, curves, ramp):
         if spring.bend < 0:
             continue
         bend = curves.bends[spring.bend]
-        if bend.actuator != bend.kept_actuator or bend.passive != bend.kept_passive:
+        turned = return_sliders(curves.sliders, bend)
+        if turned or bend.actuator != bend.kept_actuator or bend.passive != bend.kept_passive:
             bend.actuator, bend.passive = bend.kept_actuator, bend.kept_passive
             _change_step(contacts, spring, bend, curves, ramp, 0)
 

@@ -1,0 +1,92 @@
+"""The records of bent springs, beside those of all springs in `motion.line.records`."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+_FLOAT, _BYTE, _INT = np.float64, np.int8, np.int32
+
+PIECE = np.dtype(
+    [
+        ("begin", _FLOAT),  # from where to where it reaches [m]
+        ("end", _FLOAT),
+        ("slope", _FLOAT),  # [N/m]
+        ("at", _FLOAT),  # a point on it [m]
+        ("value", _FLOAT),  # tension there [N]
+        ("energy", _FLOAT),  # and energy [J]
+    ],
+    align=True,
+)
+"""A piece of the curve of a bent spring; those of a curve follow each other."""
+
+BEND = np.dtype(
+    [
+        ("actuator", _INT),  # present piece of the curve of the actuator, over u = z - L
+        ("passive", _INT),  # likewise of the passive spring, over z
+        ("command", _FLOAT),  # change of L along the ramp [m]
+        ("share", _FLOAT),  # on these pieces, the tension of the actuator alone is share T + back L + offset [1]
+        ("back", _FLOAT),  # [N/m]
+        ("offset", _FLOAT),  # [N]
+        ("next", _FLOAT),  # place on the ramp of its next knot
+        (
+            "coming",
+            _BYTE,
+        ),  # which one: 1 the end, -1 the beginning of the piece of the actuator, 2 and -2 of the other;
+        # 3 and above a slider that begins or ceases to yield, see `springs.sliders`
+        ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
+        ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
+        ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
+        ("kept_actuator", _INT),  # pieces in the last part of that which has been solved
+        ("kept_passive", _INT),
+        ("first", _INT),  # its sliders are first .. last - 1
+        ("last", _INT),
+        ("slipped", _BYTE),  # whether one of them has slipped on this ramp
+    ],
+    align=True,
+)
+"""What is known of a bent spring beside SPRING."""
+
+SLIDER = np.dtype(
+    [
+        ("slip", _FLOAT),  # elongation at which its force is 0; while it yields, that where the ramp or this began [m]
+        ("mode", _BYTE),  # 1 if it yields while its spring grows, -1 while that shrinks; 0 if it is elastic
+        ("kept", _BYTE),  # likewise in the last part of an implicit step that has been solved
+        ("stiffness", _FLOAT),  # [N/m]
+        ("limit", _FLOAT),  # largest force, at which it yields [N]
+        ("spring", _INT),
+        ("reach", _FLOAT),  # elongation from `slip` to there, limit / stiffness [m]
+    ],
+    align=True,
+)
+"""A spring in series with a slider, beside a bent spring, see `sliders`; those of a spring follow each other."""
+
+SLIDER_STATE = ("slip", "mode")
+"""Fields of a slider that last from ramp to ramp."""
+
+STRAY = np.dtype(
+    [
+        ("slower", _FLOAT),  # change of its velocity by other translations of the present stretch, < 0 [m]
+        ("faster", _FLOAT),  # likewise, > 0 [m]
+        ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
+        ("most", _FLOAT),  # to where [m]
+        ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
+        ("kept_most", _FLOAT),  # likewise, of `most` [m]
+    ],
+    align=True,
+)
+"""What is known of a contact beside CONTACT where springs are bent, see `critical.interval`."""
+
+
+class Curves(NamedTuple):
+    """The bent springs of a body."""
+
+    bends: np.ndarray
+    """BEND, shape (B,)."""
+    pieces: np.ndarray
+    """PIECE, of all curves, shape (P,)."""
+    strays: np.ndarray
+    """STRAY, memory, shape (N,)."""
+    sliders: Any
+    """SLIDER, shape (H,); None if no spring has any, where nothing of them is compiled."""
