@@ -190,7 +190,11 @@ def keep_sliders(sliders):
 
 @lean
 def return_sliders(sliders, bend):
-    """Let the sliders of a bent spring yield as in `keep_sliders`; returns whether any did otherwise."""
+    """Let the sliders of a bent spring yield as in `keep_sliders`.
+
+    Returns:
+        Whether any did otherwise.
+    """
     if sliders is None:
         return False
     changed = False
