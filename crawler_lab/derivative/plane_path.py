@@ -17,7 +17,7 @@ from crawler_model.motion.plane.elastic import pull
 from crawler_model.motion.plane.frame import Frame
 from crawler_model.motion.plane.friction import measure_margins
 from crawler_model.motion.plane.motion import build_plane_motion
-from crawler_model.motion.plane.ramp import PATIENCE, PLACE, follow_ramp, force_step, glance
+from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, glance
 from crawler_model.motion.plane.walk import AT_ONCE
 from crawler_model.motion.state import ACCOUNT_SIZE, VISITED, WORK
 from crawler_model.run.account import tolerance_of
@@ -104,7 +104,7 @@ class PlanePath:
         tolerance = motion.tolerance * min(1.0, _TOLERANCE / tolerance_of(plan)) * coarser
         self._motion = dataclasses.replace(motion, tolerance=tolerance)
         self._state = self._motion.start(plan.start_displacement, drive.targets[0])
-        self._velocity = self._motion.scratch()
+        self._velocity, _ = self._motion.scratch()
         self._rates = Rates(derivatives.stiffness, derivatives.rest, derivatives.offset)
         turns = not motion.frame.vector  # the forces of vector springs do not depend on the reference positions
         self._d_position = derivatives.position if turns else np.zeros_like(derivatives.position)
@@ -159,8 +159,9 @@ class PlanePath:
     def _follow_ramp(self, target: np.ndarray, d_target: np.ndarray, d_work: np.ndarray, until: float) -> float:
         """Follow a ramp, which ends at some time [s], part by part; return its work."""
         motion, state = self._motion, self._state
+        fields = tuple(motion.frame)
         arrays = state.x, state.gained, state.command, state.turned
-        progress = np.array([0.0, 1.0, motion.tolerance, math.inf, 0.0])
+        progress = begin_ramp(motion.tolerance, math.inf)
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = math.inf
         self._velocity[:] = 0.0
@@ -170,14 +171,13 @@ class PlanePath:
             place, x, command = progress[PLACE], state.x.copy(), state.command.copy()
             force = state.force
             gap = self._gaps(motion.frame, command, x)
-            if not follow_ramp(motion.fields, arrays, target, motion.tolerance, self._velocity, account, progress):
+            if not follow_ramp(fields, arrays, target, motion.tolerance, self._velocity, account, progress):
                 if not motion.frame.vector:
                     raise CommandError(
                         f"sensitivities: before {until:g} s the body jumps, as no stable equilibrium is left; no "
                         "derivative exists from there on: choose a shorter duration"
                     )
-                if not force_step(motion.frame, arrays, target, account, progress):
-                    raise CommandError(f"sensitivities: before {until:g} s no equilibrium is found")
+                raise CommandError(f"sensitivities: before {until:g} s no step is accurate to the tolerance")
             length = progress[PLACE] - place
             part = 1.0 if progress[PLACE] == 1.0 else length / (1.0 - place)
             if last is not None and length < _CROSSING and part < 1.0:

@@ -36,8 +36,8 @@ class Crawler:
                 line. In the plane only "catch_up", with steps refined to the scene's tolerance.
             budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
                 that changes; in a graph in every round of its active set) plus breakpoints passed in projections; by
-                default 10 000 (N + 1 000). When it is exceeded, a catch-up step completes the ramp, and
-                `Step.overspent` counts it.
+                default 10 000 (N + 1 000). In the plane points in evaluations of implicit steps, by default 2 000 000 N.
+                When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it.
 
         Raises:
             CommandError: if the method is unknown, or is `exact` in the plane, or the budget is no whole number.
@@ -344,7 +344,7 @@ class Crawler:
 
 
 def default_budget(body: Body) -> int:
-    """Compute the upper limit of work in one ramp of `exact` unless another one is given, see `Crawler`.
+    """Compute the upper limit of work in one ramp unless another one is given, see `Crawler`.
 
     Args:
         body: the body.
@@ -352,7 +352,7 @@ def default_budget(body: Body) -> int:
     Returns:
         The limit.
     """
-    return 10_000 * (body.contacts + 1000)
+    return 2_000_000 * body.contacts if body.dimension == 2 else 10_000 * (body.contacts + 1000)
 
 
 def choose_method(scene: Plan, method: str | None) -> Method:

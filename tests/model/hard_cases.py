@@ -14,7 +14,7 @@ import numpy as np
 from crawler_model import Crawler, Scene
 
 from .bodies import CHAIN, GRAPH, HYBRID, ON_A_LINE, SEGMENT, Drawn, Driven
-from .planar_ramps import Planar, on_a_line, random_line
+from .planar_ramps import Planar, on_a_line, random_line, stiff_error
 from .segments import accuracies, random_homogeneous
 
 NOT_UNIQUE = "unique: False"
@@ -732,6 +732,10 @@ def two_dimensions(tolerance: float, directional: bool) -> Callable[[str, str], 
     return play
 
 
+def stiff_springs(tolerance: float, loaded: bool) -> Callable[[str, str], Found]:
+    return lambda body, method: Found(largest([stiff_error(seed, loaded, tolerance) for seed in range(1000, 1040)]))
+
+
 # -- patches of ground ---------------------------------------------------------------------------------------------
 
 SIZES = (1.0, 0.1, 1.0 / 3.0)
@@ -1006,6 +1010,11 @@ def _cases() -> list[Case]:
             cases.append(Case(f"Random ramps on a line, {kind}, {on}", play, line, 1.0, **kept))
             play = two_dimensions(tolerance, corners > 0)
             cases.append(Case(f"Random ramps in the plane, {kind}, {on}", play, path, 1.0, **kept))
+    for tolerance in (1e-4, 1e-6, 1e-7):
+        for loaded in (False, True):
+            name = f"Stiff springs in the plane{', loads' if loaded else ''}, tolerance {tolerance:g}"
+            play, finer = stiff_springs(tolerance, loaded), "a hundredth of the tolerance, in tolerances"
+            cases.append(Case(name, play, finer, 1.0 / 3.0, **kept))
     kept = {"bodies": (SEGMENT,), "verdict": "within the accuracy"}
     against = "closed form, in accuracies"
     for accuracy in (1e-1, 1e-2, 1e-3, 3e-4):

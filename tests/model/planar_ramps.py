@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from crawler_model import Crawler, Scene
@@ -115,3 +117,34 @@ class Planar:
                 return np.inf
             worst = max(worst, np.abs(crawler.displacement - place).max() / (count * tolerance * size))
         return float(worst)
+
+
+def stiff(seed: int, loaded: bool) -> dict[str, Any]:
+    """Draw a chain or a ring whose springs stretch by 1/100 to 1/3000 of the strokes until contacts slide."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 6))
+    between = [[i, i + 1] for i in range(n - 1)] + ([[0, n - 1]] if seed % 4 == 3 else [])
+    mu, stroke = rng.uniform(0.5, 2.0, n), 10.0 ** rng.uniform(-1.0, 0.0)
+    stiffness = 10.0 ** rng.uniform(2.0, 3.5) * mu.mean() / stroke * np.where(seed % 3, 1.0, rng.uniform(0.5, 2.0))
+    strokes = np.concatenate((np.zeros((1, len(between), 2)), rng.normal(size=(3, len(between), 2)) * stroke))
+    pull = rng.normal(size=(n, 2))
+    pull *= (mu * rng.uniform(0.2, 0.85) / np.hypot(*pull.T))[:, None]
+    body = {"contacts": rng.normal(size=(n, 2)).tolist()}
+    body["links"] = {"stiffness": float(stiffness), "between": between}
+    drive = {"times": [0, 1, 2, 3], "actuation": strokes.tolist()}
+    scene = {"name": "stiff", "dimension": 2, "body": body, "friction": {"isotropic": mu.tolist()}, "drive": drive}
+    return scene | ({"loads": pull.tolist(), "start": "relaxed"} if loaded else {})
+
+
+def stiff_error(seed: int, loaded: bool, tolerance: float) -> float:
+    """Return the error of the ramps of `stiff` against a tolerance that is a hundred times smaller, in tolerances."""
+    document = stiff(seed, loaded)
+    rough, fine = (Crawler(Scene.model_validate(document | {"tolerance": t})) for t in (tolerance, tolerance / 100.0))
+    strokes = np.array(document["drive"]["actuation"])
+    worst = 0.0
+    for count, stroke in enumerate(strokes[1:], 1):
+        if not (rough.advance(stroke).unique and fine.advance(stroke).unique):
+            break
+        off = np.abs(rough.displacement - fine.displacement).max()
+        worst = max(worst, off / (count * tolerance * np.ptp(strokes, axis=0).max()))
+    return float(worst)

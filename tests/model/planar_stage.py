@@ -143,5 +143,5 @@ class Rig:
         self.account[:] = 0.0
         self.account[VISITED] = np.inf
         motion = PlaneMotion(self.body, self.frame, tolerance)
-        assert not motion.follow(self.state, motion.scratch(), targets, False, 0, self.account, records)
+        assert not motion.follow(self.state, motion.scratch(), targets, False, 1_000_000_000, self.account, records)
         return records

@@ -7,8 +7,12 @@ import math
 import numpy as np
 
 from ...compiled import entry, lean
-from .frame import load_of, norm, span, unwind
+from ..state import LOADS_WORK, WORK, dissipated
+from .frame import friction_of, load_of, norm, span, unwind
 
+BALANCED, _CLOSELY, _ROUNDING = 0.01, 1e-3, 1e-12
+"""The energies of a part of a ramp balance to this part of them, more closely where a body moves on that cannot be
+followed, and to this part of the stored energy."""
 _POINT = 1e-9
 """A link that is shorter than this part of its reference length has no direction."""
 
@@ -97,6 +101,41 @@ def energy_of(frame, command, x):
         tension, _, _ = stretch(frame, command, x, k)
         total += 0.5 * tension * tension / frame.stiffness[k]
     return total
+
+
+@lean
+def is_balanced(frame, command, x, spent, residual, limits):
+    """Determine whether a residual of energies is an error.
+
+    Args:
+        spent: all energies that were spent, stored or gained [J].
+        residual: of these [J].
+        limits: error of the displacements [m], and that of the energies as a part of them [1].
+
+    Returns:
+        Whether it is; otherwise the body has jumped.
+    """
+    most = 0.0
+    for i in range(x.shape[0]):
+        most = max(most, friction_of(frame, command, i)[2])
+    allowed, part = limits
+    return abs(residual) <= part * spent + allowed * most + _ROUNDING * energy_of(frame, command, x)
+
+
+@entry
+def balances(frame, command, x, account, loss, allowed):
+    """Determine whether the energies of a part of a ramp balance closely.
+
+    Args:
+        account: of that part alone.
+        loss: what is not stored, dissipated or done by loads [J].
+        allowed: error of the displacements [m].
+
+    Returns:
+        Whether they do; otherwise the body has jumped.
+    """
+    spent = dissipated(account) + abs(account[WORK]) + abs(account[LOADS_WORK])
+    return is_balanced(frame, command, x, spent, loss, (allowed, _CLOSELY))
 
 
 @lean

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ...compiled import lean
-from .frame import norm
+from .frame import friction_of, norm
+
+_SETTLED = 2.0
+"""Length of a part in which the forces on discs settle, relative to friction per stiffness."""
 
 
 @lean
@@ -89,3 +94,49 @@ def find_stop(velocity, part, total, last, pieces, negligible):
         if end < 0.0 < before and end * end > 2.0 * slowing * negligible:
             first = min(first, stop)
     return first
+
+
+@lean
+def settles_within(frame, command, velocity, negligible):
+    """Compute in which part of a ramp the forces on discs settle after an event.
+
+    They turn until friction balances them, while contacts move by about friction per stiffness. In far longer steps all
+    of that lies in the first one, and walks of any number of steps agree on a translation that is wrong.
+
+    Args:
+        velocity: at the start, shape (N, 2) [m per unit of the way].
+        negligible: contacts that move by less while their forces settle do not count [m].
+
+    Returns:
+        The part of the way; infinite if no contact counts, or paths are straight.
+    """
+    part = np.inf
+    if not frame.vector or frame.directions.shape[0] > 0:
+        return part
+    for i in range(velocity.shape[0]):
+        speed = norm(velocity[i, 0], velocity[i, 1])
+        most = friction_of(frame, command, i)[2]
+        if speed > 0.0 and most > frame.grip[i] * negligible:
+            part = min(part, _SETTLED * most / (frame.grip[i] * speed))
+    return part
+
+
+@lean
+def settling_way(frame, command, moved, force):
+    """Estimate how far contacts on discs move aside while the forces on them settle.
+
+    Args:
+        moved: displacement of the contacts in one step, shape (N, 2) or more rows [m].
+        force: that friction balances at its start, shape (N, 2) [N].
+
+    Returns:
+        The way [m].
+    """
+    most = 0.0
+    for i in range(force.shape[0]):
+        size = norm(moved[i, 0], moved[i, 1]) * norm(force[i, 0], force[i, 1])
+        if size > 0.0:
+            turn = abs(force[i, 0] * moved[i, 1] - force[i, 1] * moved[i, 0]) / size
+            turn = turn if force[i, 0] * moved[i, 0] + force[i, 1] * moved[i, 1] > 0.0 else 1.0
+            most = max(most, turn * friction_of(frame, command, i)[2] / frame.grip[i])
+    return most

@@ -41,6 +41,8 @@ class Frame(NamedTuple):
         heading: the two points whose direction is the yaw, int64, shape (2,).
         directions: unit vectors of friction polygons, counterclockwise, shape (m, 2); m = 0 for quarter ellipses.
         compliance: a bound on the relative displacement of two points per force between them, of vector springs [m/N].
+        effort: work spent in a ramp, and its upper limit: points in evaluations of an implicit step, shape (2,); the
+            only entry that kernels change.
     """
 
     vector: bool
@@ -59,6 +61,7 @@ class Frame(NamedTuple):
     heading: np.ndarray
     directions: np.ndarray
     compliance: float
+    effort: np.ndarray
 
 
 def build_frame(body: Body, directions: np.ndarray) -> Frame:
@@ -100,7 +103,8 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
     shape = position, len(ends), points, np.unique(pairs, axis=0), stiffness, rest, float(rest[: len(ends)].min())
     axes = guide, offset, along_velocity
     ways = np.array(directions, np.float64).reshape(-1, 2)
-    return Frame(turning is None, *shape, *axes, _order(pairs, n), grip, heading, ways, compliance)
+    effort = np.array([0.0, np.inf])
+    return Frame(turning is None, *shape, *axes, _order(pairs, n), grip, heading, ways, compliance, effort)
 
 
 def _order(pairs: np.ndarray, n: int) -> np.ndarray:

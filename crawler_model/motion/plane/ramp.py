@@ -14,22 +14,21 @@ from ..state import (
     DISSIPATION,
     EVENTS,
     LOADS_WORK,
-    OVERSPENT,
     RESIDUAL,
     VIOLATION,
     VISITED,
     WORK,
 )
-from .elastic import energy_of, pull
+from .elastic import BALANCED, energy_of, is_balanced, pull
 from .ends import find_end, round_down, snap
-from .equal_steps import farthest
+from .equal_steps import farthest, settles_within
 from .frame import Frame, columns_of, friction_of, load_of, norm, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, load_part, resistance
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import approach, solve_stage
 from .translation import choose_translation, is_held
-from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, START, STOP, TAKEN, attempt, command_at, walk
+from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, LONG, START, STOP, TAKEN, attempt, command_at, walk
 
 _GLANCE, _TURNING_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-5, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, of bodies that turn, where longer parts lose accuracy
@@ -56,15 +55,27 @@ that it may take."""
 _LEAST_SHARE, _RESOLVED = 1e-5, 512.0 * EPS
 """What any part of the ramp may take, relative to the tolerance, and to the size of positions and displacements:
 rounding errors do not become smaller in shorter parts."""
-_BALANCED, _ROUNDING = 0.01, 1e-12
-"""The energies of a part of a ramp balance to this part of them, and to this part of the stored energy."""
-_LAST_STEP = 1.0 / 256.0
-"""Length of a step that is taken whatever its error, as part of the ramp."""
+_LONGER = 4.0
+"""Upper limit of the length of a part, relative to the one before."""
 _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
-PLACE, LENGTH, LEFT, MARGIN, PATIENCE = range(5)
+PLACE, LENGTH, LEFT, MARGIN, PATIENCE, LONGEST = range(6)
 """Entries of the progress on a ramp: the place, 0 to 1; length of the next part; the error that is left [m]; the least
-stability margin; the number of parts after which the caller goes on."""
+stability margin; the number of parts after which the caller goes on; the longest part of vector springs that may be
+followed in several steps, 0 after an event."""
+
+
+def begin_ramp(tolerance: float, margin: float) -> np.ndarray:
+    """Build the progress at the start of a ramp.
+
+    Args:
+        tolerance: largest error of the displacements [m].
+        margin: the least stability margin so far [1].
+
+    Returns:
+        The entries, see `PLACE`, shape (6,).
+    """
+    return np.array([0.0, 1.0, tolerance, margin, np.inf, 0.0])
 
 
 @lean
@@ -169,14 +180,10 @@ def _settle(frame, state, target, part, best, after, limits):
         best[i, 0] = after[i, 0] - x[i, 0]
         best[i, 1] = after[i, 1] - x[i, 1]
         shift = max(shift, norm(after[i, 0] - base[i, 0], after[i, 1] - base[i, 1]))
-    stored = energy_of(frame, command, x)
-    gained = energy_of(frame, now, after) - stored
-    spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
+    gained = energy_of(frame, now, after) - energy_of(frame, command, x)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
-    most = 0.0
-    for i in range(n):
-        most = max(most, friction_of(frame, now, i)[2])
-    balanced = abs(residual) <= _BALANCED * spent + allowed * most + _ROUNDING * stored
+    spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
+    balanced = is_balanced(frame, now, after, spent, residual, (allowed, BALANCED))
     if frame.vector:
         return solved and balanced, residual, shift
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
@@ -252,13 +259,18 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         aim = snap(frame, place, aim, _BEYOND * tolerance * rest / fastest)
     rounding = _RESOLVED * (farthest(frame.position, n) + farthest(state[0], n))
     wanted = progress[LENGTH]
+    longest = (
+        progress[LONGEST]
+        if progress[LONGEST] > 0.0
+        else settles_within(frame, state[2], velocity, AT_ONCE * tolerance) * rest
+    )
     longer = crossed = np.inf, np.inf
     stops = 0
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
         share = max(tolerance * max(length, _LEAST_SHARE), rounding)
-        limits = max(share, _SPENT * progress[LEFT]), tolerance, determined
+        limits = max(share, _SPENT * progress[LEFT]), tolerance, longest / rest, determined
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
         if outcome == START:
             beyond = _BEYOND * tolerance
@@ -273,6 +285,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             excess = 1.0 / growth - 1.0
             aim = find_end(frame, place, length, excess, crossed, guess, 0.5 * BORDER)
             crossed = length, excess
+        elif outcome == LONG:
+            wanted = growth * length
         else:
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
@@ -284,8 +298,9 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                 if settled:
                     account[RESIDUAL] += residual
                     progress[LEFT] -= paid
-                    after_this = round_down(frame, min(max(growth, 0.3), 4.0) * length)
+                    after_this = round_down(frame, min(max(growth, 0.3), _LONGER) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
+                    progress[LONGEST] = 0.0 if length >= aim else _LONGER * length
                     _take(frame, state, target, part, best, after, account)
                     unique = unique and (frame.vector or is_held(frame, state[2], after, best))
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
@@ -310,7 +325,7 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
         tolerance: largest error of the displacements [m].
         velocity: of the points along the ramp, a guess, changed in place: how far they moved last, where the body
             jumps, shape (N, 2) [m].
-        progress: changed in place, shape (5,), see `PLACE`.
+        progress: changed in place, shape (6,), see `PLACE`.
 
     Returns:
         Whether it can be followed further.
@@ -341,30 +356,27 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
 
 
 @compiled
-def force_step(frame, state, target, account, progress):
-    """Take one implicit step of vector springs, whatever its error, and count it.
+def complete_ramp(fields, state, target, account, progress):
+    """Take one implicit step of vector springs to the end of a ramp, whatever its error.
 
     Args:
+        fields: as for `follow_ramp`.
         state: as for `follow_ramp`, changed in place.
         progress: as for `follow_ramp`, changed in place.
 
     Returns:
         Whether it has a solution; else nothing has changed.
     """
-    x, _, command, _ = state
+    x = state[0]
     n = x.shape[0]
-    rest = 1.0 - progress[PLACE]
-    part = min(_LAST_STEP / rest, 1.0)
+    frame = Frame(*fields)
     best = np.zeros((n + 2, 2))
     after = np.empty((n, 2))
-    now = np.empty(command.shape[0])
-    command_at(command, target, part, now)
-    if not approach(frame, now, x, after, np.empty((n, 2))):
+    if not approach(frame, target, x, after, np.empty((n, 2))):
         return False
-    walk(frame, (x, command, target), (part, 1, False), after - x, best, np.empty((n, 2)))
-    _, residual, _ = _settle(frame, state, target, part, best, after, (0.0, False))
+    walk(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
+    _, residual, _ = _settle(frame, state, target, 1.0, best, after, (0.0, False))
     account[RESIDUAL] += residual
-    account[OVERSPENT] += 1.0
-    _take(frame, state, target, part, best, after, account)
-    progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
+    _take(frame, state, target, 1.0, best, after, account)
+    progress[PLACE] = 1.0
     return True

@@ -174,11 +174,13 @@ def _search(frame, command, base, anchor, x, force, springs):
     `springs` has their stiffness as in `solve_stage`, and whether the search is bold.
     """
     eta, bold = springs
+    eta, bold = springs
     n = x.shape[0]
     size = np.empty(n)
     rows = np.empty((n, 13))
     step = np.empty((n, 2))
     trial = np.empty((n, 2))
+    frame.effort[0] += n
     pull(frame, command, x, force, size)
     _hold(frame, eta, anchor, x, force, size)
     worst, miss = linearise(frame, command, x, base, force, size, rows)
@@ -193,6 +195,8 @@ def _search(frame, command, base, anchor, x, force, springs):
         for i in range(n):
             for c in range(2):
                 step[i, c] = base[i, c] - x[i, c]
+        if frame.effort[0] > frame.effort[1]:
+            return False, True
         pivot = find_step(frame, command, x, rows, step, eta)
         if not pivot > 0.0:
             return False, False
@@ -201,6 +205,7 @@ def _search(frame, command, base, anchor, x, force, springs):
             for i in range(n):
                 for c in range(2):
                     trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
+            frame.effort[0] += n
             pull(frame, command, trial, force, size)
             _hold(frame, eta, anchor, trial, force, size)
             worst, after = linearise(frame, command, trial, base, force, size, rows)

@@ -13,7 +13,7 @@ import numpy as np
 from ...compiled import inner, lean
 from ...rounding import EPS
 from .elastic import pull, stretch
-from .equal_steps import extrapolate_number, farthest, find_stop
+from .equal_steps import extrapolate_number, farthest, find_stop, settling_way
 from .frame import friction_of, load_of, norm
 from .friction import gap_of, load_part, resistance
 from .polygon import ON
@@ -29,10 +29,10 @@ _AT_ONE_PLACE = 0.1
 """A force is on the boundary of its set if its contact starts within this part of what is negligible."""
 BORDER = 1e-3
 """A force that changes to another quarter of its set within this part of an end of a part of the way does so there."""
-FAILED, START, STOP, CROSS, TAKEN, AT_END = range(6)
+FAILED, START, STOP, CROSS, LONG, TAKEN, AT_END = range(7)
 """Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
-another quarter of its set inside; done, with some error; done in one step of vector springs, at whose end friction
-balances the forces."""
+another quarter of its set inside; steps of vector springs would not show how the forces settle; done, with some error;
+done in one step of vector springs, at whose end friction balances the forces."""
 
 
 @lean
@@ -291,8 +291,8 @@ def attempt(frame, way, part, velocity, force, limits, best):
         part: part of the way to the target.
         velocity: at the start, shape (N, 2) [m per unit of the way].
         force: that friction balances at the start, shape (N, 2) [N].
-        limits: the error allowed for this part, and the tolerance of the whole ramp [m]; whether the velocities are
-            unique.
+        limits: the error allowed for this part, and the tolerance of the whole ramp [m]; the longest part that is
+            followed in several steps; whether the velocities are unique.
         best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
 
     Returns:
@@ -300,7 +300,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         started has moved [m]; the factor for the length of this part, or of the next one where it is done; and whether
         the displacement is unique.
     """
-    allowed, tolerance, determined = limits
+    allowed, tolerance, longest, determined = limits
     n = velocity.shape[0]
     negligible = AT_ONCE * tolerance
     slid = np.empty((n, 2))
@@ -330,6 +330,8 @@ def attempt(frame, way, part, velocity, force, limits, best):
                 error = _missed(frame, way, best, force, _AT_ONE_PLACE * negligible)
                 if error <= allowed:
                     return AT_END, error, 4.0, unique
+                if part > longest and settling_way(frame, way[1], best, force) > allowed:
+                    return LONG, np.inf, longest / part, unique
             outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique

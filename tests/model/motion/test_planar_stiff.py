@@ -1,0 +1,67 @@
+"""Stiff bodies in the plane keep the tolerance, and no command takes more work than its budget."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_model import CommandError, Crawler, Scene, load_scene
+
+from ..planar_ramps import stiff, stiff_error
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 2e-7])
+@pytest.mark.parametrize("loaded", [False, True])
+def test_forces_of_stiff_springs_settle_within_the_tolerance(loaded, tolerance):
+    """One step over all of that is wrong by a translation, which steps of any length have in common."""
+    for seed in range(60):
+        assert stiff_error(seed, loaded, tolerance) < 1.0 / 3.0, seed
+
+
+def bodies() -> dict[str, dict[str, Any]]:
+    discs = stiff(5, False)
+    friction = {"directions": (np.arange(6) * np.pi / 3.0).tolist(), "value": 0.7}
+    return {
+        "discs": discs,
+        "polygons": discs | {"friction": friction},
+        "loads": stiff(5, True),
+        "bodies that turn": load_scene("tripedal_star").document(),
+    }
+
+
+@pytest.mark.parametrize("name", bodies())
+def test_a_budget_bounds_the_work_of_a_ramp_in_the_plane(name):
+    """What suffices changes no bit; else one implicit step completes the ramp, whose residual is that of its energies."""
+    document = bodies()[name]
+    target = Scene.model_validate(document).drive.targets[1]
+    found = []
+    for budget in (None, 0, 30, 300, 3000, 10**9):
+        crawler = Crawler(Scene.model_validate(document), budget=budget)
+        before = stored(crawler)
+        step = crawler.follow(target[None])
+        spent = step.work + step.loads_work - step.dissipation - step.jump_loss
+        assert stored(crawler) - before - spent == pytest.approx(step.certificate.energy_residual, abs=1e-9)
+        assert step.certificate.violation < 1e-8
+        assert np.array_equal(crawler._state.actuation.ravel(), target[: crawler._state.actuation.size])
+        found.append((step.overspent, crawler._state.bits()))
+    assert [overspent for overspent, _ in found[:2]] == [0, 1]
+    assert [overspent for overspent, _ in found[1:]] == sorted((o for o, _ in found[1:]), reverse=True)
+    assert all(bits == found[0][1] for overspent, bits in found if not overspent)
+
+
+def stored(crawler: Crawler) -> float:
+    tension = crawler.tension
+    turning = crawler.body.turning
+    stiffness = crawler.body.stiffness if turning is None else np.r_[crawler.body.stiffness, turning.joint_stiffness]
+    return float((tension**2 / stiffness.reshape(-1, *[1] * (tension.ndim - 1))).sum() / 2.0)
+
+
+def test_a_spent_budget_does_not_hide_a_jump_that_is_refused():
+    scene = Scene.model_validate(bodies()["bodies that turn"] | {"on_instability": "refuse"})
+    crawler = Crawler(scene, budget=100)
+    before = crawler._state.bits()
+    with pytest.raises(CommandError, match="the budget of work is spent, and the scene has on_instability: refuse"):
+        crawler.follow(scene.drive.targets[1:2])
+    assert crawler._state.bits() == before
