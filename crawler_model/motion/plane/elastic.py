@@ -135,7 +135,7 @@ def balances(frame, command, x, account, loss, allowed):
         Whether they do; otherwise the body has jumped.
     """
     spent = dissipated(account) + abs(account[WORK]) + abs(account[LOADS_WORK])
-    return is_balanced(frame, command, x, spent, loss, (allowed, _CLOSELY))
+    return is_balanced(frame, command, x, spent, max(loss, 0.0), (allowed, _CLOSELY))
 
 
 @lean
