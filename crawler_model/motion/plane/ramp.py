@@ -57,6 +57,8 @@ _LEAST_SHARE, _RESOLVED = 1e-5, 512.0 * EPS
 rounding errors do not become smaller in shorter parts."""
 _LONGER = 4.0
 """Upper limit of the length of a part, relative to the one before."""
+_CREEPING = 8
+"""A body that turns creeps where so many parts for each point follow less than `_LEAST_FALL` of the ramp together."""
 _MOST_TRIALS = 100
 """Upper limit of lengths that are tried at a place of a ramp."""
 PLACE, LENGTH, LEFT, MARGIN, PATIENCE, LONGEST = range(6)
@@ -335,9 +337,12 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
     best = np.zeros((n + 2, 2))
     if (state[2] == target).all():
         progress[PLACE] = 1.0
+    parts = 0
+    begin = progress[PLACE]
     while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
         progress[PATIENCE] -= 1.0
-        part = _advance(frame, state, target, tolerance, velocity, (account, progress), best)
+        creeps = parts == _CREEPING * n and progress[PLACE] - begin < _LEAST_FALL and not frame.vector
+        part = 0.0 if creeps else _advance(frame, state, target, tolerance, velocity, (account, progress), best)
         if part == 0.0:
             for i in range(n):
                 for c in range(2):
@@ -346,6 +351,10 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
         for i in range(n):  # of several solutions, that of the last part goes on
             for c in range(2):
                 velocity[i, c] = best[i, c] * (1.0 - part) / part
+        if parts == _CREEPING * n:
+            parts = 0
+            begin = progress[PLACE]
+        parts += 1
         rest = 1.0 - progress[PLACE]
         progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
         if frame.vector:

@@ -174,7 +174,6 @@ def _search(frame, command, base, anchor, x, force, springs):
     `springs` has their stiffness as in `solve_stage`, and whether the search is bold.
     """
     eta, bold = springs
-    eta, bold = springs
     n = x.shape[0]
     size = np.empty(n)
     rows = np.empty((n, 13))
