@@ -36,7 +36,7 @@ class Crawler:
                 line. In the plane only "catch_up", with steps refined to the scene's tolerance.
             budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
                 that changes; in a graph in every round of its active set) plus breakpoints passed in projections; by
-                default 10 000 (N + 1 000). In the plane points in evaluations of steps, by default 2 000 000 N.
+                default 10 000 (N + 1 000). In the plane points in evaluations of steps, by default 200 000 (N + 100).
                 When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it.
 
         Raises:
@@ -352,7 +352,7 @@ def default_budget(body: Body) -> int:
     Returns:
         The limit.
     """
-    return 2_000_000 * body.contacts if body.dimension == 2 else 10_000 * (body.contacts + 1000)
+    return 200_000 * (body.contacts + 100) if body.dimension == 2 else 10_000 * (body.contacts + 1000)
 
 
 def choose_method(scene: Plan, method: str | None) -> Method:

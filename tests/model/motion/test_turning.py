@@ -392,8 +392,12 @@ def test_friction_far_larger_to_one_side_takes_few_parts(tolerance):
     np.testing.assert_allclose(body.displacement, end, rtol=0.0, atol=0.5 * tolerance * 0.082 + 1e-6)
 
 
-def test_a_jump_along_rolling_contacts_ends():
-    """Friction 900 times less to one side: two contacts roll and turn the body; it once went round for ever."""
+def test_a_body_that_rolls_along_does_not_jump():
+    """Friction 900 times less to one side: two contacts roll and turn the body, by 8 m within a sixteenth of the ramp.
+
+    Of 4 million implicit steps of equal length along the ramp none moves a contact by more than 0.2 mm or loses energy.
+    Their end and those of 1 million and 300 000 steps extrapolate to 5.8526 m. The body once went round for ever.
+    """
     friction = {
         "forward": [0.63, 0.00084, 0.58],
         "backward": [0.64, 0.00084, 0.4],
@@ -408,10 +412,11 @@ def test_a_jump_along_rolling_contacts_ends():
         "friction": friction,
     }
     goals = np.array([[0.11, 0.0, -0.15], [0.26, 0.23, -0.17], [0.036, 0.21, 0.15]])
-    _, steps = follow(scene, goals, 1e-3)
-    jumps = steps[-1].jumps
-    assert max(jump.distance for jump in jumps) > 3.0
-    assert 0.0 < sum(jump.loss for jump in jumps) < 0.05 * steps[-1].dissipation
+    body, steps = follow(scene, goals, 1e-3)
+    assert not any(step.jumps for step in steps)
+    assert [step.overspent for step in steps] == [0, 0, 1]
+    assert abs(steps[-1].certificate.energy_residual) < 5e-3 * steps[-1].dissipation
+    assert np.abs(body.displacement).max() == pytest.approx(5.8526, abs=0.05)
     assert max(step.certificate.violation for step in steps) < 1e-9
 
 
