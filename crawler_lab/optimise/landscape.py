@@ -35,6 +35,10 @@ def count_samples(dimension: int, count: int) -> int:
 def profile_points(space: Space, point: np.ndarray) -> np.ndarray:
     """Move one unknown of a candidate at a time between its bounds.
 
+    Args:
+        space: what may be chosen.
+        point: the candidate in the unit box, shape (P,).
+
     Returns:
         In the unit box, shape (P, samples, P).
     """

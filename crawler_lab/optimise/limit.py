@@ -39,11 +39,18 @@ class TimeLimit:
         return math.inf if self.seconds is None else self.began + self.seconds - clock()
 
     def over(self) -> bool:
-        """Determine whether nothing more may begin."""
+        """Determine whether nothing more may begin.
+
+        Returns:
+            True as soon as no time is left.
+        """
         return self.left <= 0.0
 
     def check(self, _: float = 0.0) -> None:
         """Stop a run that reports its progress.
+
+        Args:
+            _: what was done of the run, which does not matter here [1].
 
         Raises:
             OutOfTime: when the time is over.

@@ -146,22 +146,14 @@ class Space:
             return [self._regimes(unknowns, row[None])[0] for row in values]
         return found
 
-    def scores(self, points: Sequence[np.ndarray]) -> list[float]:
-        """Compute the scores of candidates, the worst one or the mean of all scenes.
+    def score(self, regimes: Sequence[Regime | None]) -> float:
+        """Compute the score of a candidate.
 
         Args:
-            points: each of shape (P,).
+            regimes: its regimes on the scenes.
 
         Returns:
-            The scores.
-        """
-        return [self.score(regimes) for regimes in self.regimes(np.array(points))]
-
-    def score(self, regimes: Sequence[Regime | None]) -> float:
-        """Compute the score of a candidate from its regimes on the scenes.
-
-        Returns:
-            The worst one, or the mean.
+            The worst one, or the mean [1].
         """
         combine = _mean if self.mean else min
         return combine([min(self.goal.scores(regime)) for regime in regimes])

@@ -192,8 +192,13 @@ EVERYTHING = (
     crawler_ros,
     crawler_command,
 )
-INTERFACE = (crawler_model, crawler_lab, crawler_ros.replay)
-"""What others call: the model, and what reads recordings."""
+LABORATORY = ("derivative", "sweep", "optimise", "identify")
+INTERFACE = (
+    crawler_model,
+    *(importlib.import_module(f"crawler_lab.{room}") for room in LABORATORY),
+    crawler_ros.replay,
+)
+"""What others call: the model, the laboratory's functions, and what reads recordings."""
 
 
 @functools.cache

@@ -112,11 +112,7 @@ def identify_command(
     from ...identify.identify import identify
 
     _check_files(recordings, out, png, html, force)
-    if offset not in (None, "none", "frame", "each"):
-        raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
-    chosen: Literal["none", "frame", "each"] | None = offset  # type: ignore[assignment]
-    known = parse_sensor(sensor or ())
-    loaded = load_scene(scene)
+    chosen, known, loaded = _parse_offset(offset), parse_sensor(sensor or ()), load_scene(scene)
     keys = split_keys(fit)
     limits = parse_bounds("--bounds", bounds or ())
     described = _describe_tables(recordings, columns, units, commands)
@@ -129,6 +125,12 @@ def identify_command(
         raise typer.Exit(130)
     if not found.model_fits:
         raise CrawlerError(f"the model does not fit: {found.where}")
+
+
+def _parse_offset(offset: str | None) -> Literal["none", "frame", "each"] | None:
+    if offset not in (None, "none", "frame", "each"):
+        raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
+    return offset  # type: ignore[return-value]
 
 
 def _check_files(

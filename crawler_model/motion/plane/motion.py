@@ -86,7 +86,7 @@ class PlaneMotion:
         return np.take(targets, _columns_of(targets.shape[1], self.frame.rest.size, discs), axis=1)
 
     def scratch(self) -> tuple[np.ndarray, tuple[Any, ...]]:
-        """Allocate the velocities with which a ramp begins, and the fields of a frame that counts its own work."""
+        """Allocate the velocities with which a ramp begins, and a frame that counts its own work, see `Motion`."""
         frame = self.frame._replace(effort=np.zeros(2))
         return np.zeros((self.body.contacts, 2)), tuple(frame)  # passed to kernels in half the time of the frame
 
