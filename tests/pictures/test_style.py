@@ -144,14 +144,7 @@ HELPERS = {"draw_two", "draw_three", "draw_many", "draw_panels"}
 
 def test_every_function_that_opens_a_figure_does_so_with_these_settings():
     checked = []
-    for package in (
-        "crawler_pictures",
-        "crawler_ros",
-        "crawler_lab.gym",
-        "crawler_lab.play",
-        "crawler_command",
-        "benchmarks",
-    ):
+    for package in ("crawler_pictures", "crawler_ros", "crawler_lab", "crawler_command", "benchmarks"):
         for file in (ROOT / package).rglob("*.py"):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.FunctionDef) and called(node) & OPENING and node.name not in HELPERS:

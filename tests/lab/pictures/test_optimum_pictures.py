@@ -94,7 +94,7 @@ def test_commands_and_motion_are_drawn_as_on_the_page_of_a_run(figure):
 def test_in_the_plane_two_periods_are_seen_from_above():
     """The scissors turn about their hinge, the first point, by 0.76 rad a period."""
     free = {"drive.actuation[1][2]": (0.0, 0.8)}
-    figure = draw(optimise(load_scene("scissors"), "turn", free=free, seconds=0.01))
+    figure = draw(optimise(load_scene("scissors"), "turn", free=free, seconds=5.0))
     above, profile = panel(figure, "from above"), panel(figure, "around the optimum (dots)")
     assert panel(figure, "command: change of rest angle")
     paths = {line.get_color(): line.get_xydata() for line in above.get_lines() if len(line.get_xydata()) == 121}
