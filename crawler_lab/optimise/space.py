@@ -146,6 +146,17 @@ class Space:
             return [self._regimes(unknowns, row[None])[0] for row in values]
         return found
 
+    def scores(self, points: Sequence[np.ndarray]) -> list[float]:
+        """Compute the scores of candidates, the worst one or the mean of all scenes.
+
+        Args:
+            points: each of shape (P,).
+
+        Returns:
+            The scores.
+        """
+        return [self.score(regimes) for regimes in self.regimes(np.array(points))]
+
     def score(self, regimes: Sequence[Regime | None]) -> float:
         """Compute the score of a candidate.
 

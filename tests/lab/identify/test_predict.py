@@ -316,7 +316,7 @@ def test_the_scene_gets_the_values_and_stays_within_bounds():
     known = posterior(without=(LEFT,), bounds={LEFT: (0.8, None)})
     changed = known.apply(varied(robot(), {NAMES[0]: 0.4}))
     assert changed.drive.forward[0] == pytest.approx(FORWARD)
-    assert changed.drive.backward[0] == pytest.approx((0.8, *BACKWARD[1:]))
+    assert changed.drive.backward[0] == pytest.approx((1.25 * 0.8, *BACKWARD[1:]))  # clear of its bound
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def test_on_patches_the_first_periods_count():
 
 @pytest.mark.parametrize("name", ["hill_top", "ice"])
 def test_the_gait_on_patches_is_that_of_its_scene(name):
-    best = optimise(name, waypoints=3, seconds=0.5)
+    best = optimise(name, waypoints=3, seconds=5.0)  # in which the gait is examined, too
     run = simulate(best.scene)
     assert run.per_period.mean() == pytest.approx(best.value, abs=1e-12)
     assert best.value > 0.9 * simulate(load_scene(name)).per_period.mean()
