@@ -112,7 +112,7 @@ def test_blocks_of_a_page_follow_one_another(tmp_path):
             ("python", "from pathlib import Path\nprint(Path('two.yaml').is_file(), 3.14)"),
             ("python", "assert Path"),
             ("equations", "a = b"),
-            ("console", "# takes minutes: ten\nmake demo && crawler warm --scene two_anchor_a   # it says"),
+            ("console", "# takes minutes: ten\nmake demo && crawler warm --workers 2   # it says"),
         ),
         tmp_path,
     )

@@ -73,7 +73,7 @@ METHODS: dict[str, tuple[str, Callable[[Scene], object]]] = {
     "limit_cycle": ("sensitivities", limit_cycle),
     "largest_tow": ("loads", largest_tow),
     "steepest_climb": ("loads", steepest_climb),
-    "Crawler-v0": ("learn", learn),
+    "crawler_lab/Crawler-v0": ("learn", learn),
 }
 
 
