@@ -289,7 +289,6 @@ class Trajectory(Tabular):
             "energy": {
                 "work": energy.work,
                 "dissipation": energy.dissipation,
-                "internal_dissipation": energy.internal_dissipation,
                 "stored": energy.stored,
                 "residual": energy.relative_residual,
             },

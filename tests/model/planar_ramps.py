@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Crawler, Scene
+from crawler_model.scene.parts import LEAST_TOLERANCE
 
 from .planar_reference import Reference
 
@@ -139,7 +140,10 @@ def stiff(seed: int, loaded: bool) -> dict[str, Any]:
 def stiff_error(seed: int, loaded: bool, tolerance: float) -> float:
     """Return the error of the ramps of `stiff` against a tolerance that is a hundred times smaller, in tolerances."""
     document = stiff(seed, loaded)
-    rough, fine = (Crawler(Scene.model_validate(document | {"tolerance": t})) for t in (tolerance, tolerance / 100.0))
+    rough, fine = (
+        Crawler(Scene.model_validate(document | {"tolerance": t}))
+        for t in (tolerance, max(tolerance / 100.0, LEAST_TOLERANCE))
+    )
     strokes = np.array(document["drive"]["actuation"])
     worst = 0.0
     for count, stroke in enumerate(strokes[1:], 1):

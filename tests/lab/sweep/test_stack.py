@@ -16,7 +16,7 @@ from tests.scenes import NOT_TURNING
 
 ON_PATCHES = ("friction_step", "hill_top", "ice")
 BENT = ("peristaltic_stops", "rubber_worm", "silicone_chain", "stalling_inchworm", "tendon_worm")
-ALONE = ON_PATCHES + BENT
+ALONE = (*ON_PATCHES, *BENT, "wall_pusher")
 LINES = [name for name in NOT_TURNING if not name.startswith("planar") and name not in ALONE]
 KEYS = (
     "body.links.stiffness",
@@ -119,6 +119,12 @@ def test_a_stack_is_its_scenes_to_the_bit(name, relaxed):
         assert stacks.shares_mesh(variations.base, variations.paths)
         met += check(stack(variations), variations)
     assert met > 30
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_bent_springs_patches_and_walls_are_assembled_scene_by_scene(name):
+    variations = vary(load_scene(name), {"body.weights": [0.1, 0.2]})
+    assert not stacks.shares_mesh(variations.base, variations.paths)
 
 
 def test_several_keys_vary_together():

@@ -79,7 +79,11 @@ WRONG = [
     ("friction", None, "friction: missing"),
     ("friction", 0.3, "friction: write {isotropic: 0.3}, or give `forward` and `backward`"),
     ("body/links", None, "body.links: missing; give the springs between contacts and segments"),
-    ("body/links", 3, "body.links: 3; it must be a mapping with stiffness, curve, tension, passive, between"),
+    (
+        "body/links",
+        3,
+        "body.links: 3; it must be a mapping with stiffness, curve, tension, passive, hysteresis, between",
+    ),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
     ("body/links/stiffness", 1e200, "too large; at most 1e+100"),
@@ -307,6 +311,11 @@ BENT = {
     "body": {**LINE["body"], "links": [{"stiffness": 1, "passive": {"stiffness": 1, "stops": STOPS}}]},
 }
 
+SILICONE = {
+    **LINE,
+    "body": {**LINE["body"], "links": [{"stiffness": 1, "hysteresis": [{"stiffness": 1, "yield": 1}]}]},
+}
+
 
 def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     """Set a key; behind `=` the one that takes the place of all others in its part."""
@@ -335,6 +344,9 @@ TURNING = {
 }
 BOUNDED = {
     ("BodyPart", "weights"): ({**LINE, "body": WEIGHED["body"]}, "body/weights"),
+    ("BodyPart", "masses"): (LINE, "body/masses"),
+    ("HysteresisPart", "stiffness"): (SILICONE, "body/links/0/hysteresis/0/stiffness"),
+    ("HysteresisPart", "yield"): (SILICONE, "body/links/0/hysteresis/0/yield"),
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
     ("CoefficientPart", "backward"): (COEFFICIENTS, "friction/coefficient/backward"),
     ("CoefficientPart", "isotropic"): (COEFFICIENTS, "friction/coefficient=isotropic"),

@@ -97,7 +97,7 @@ def test_a_segment_on_a_slope_is_judged_by_its_bounds():
         return commanded_margin(loaded.body, loaded.drive)
 
     assert margin(-0.1) == pytest.approx(0.2 / 0.4)
-    assert margin(-0.3) is None
+    assert margin(-0.3) == 0.0  # the whole segment slides backward for nothing
     assert margin(0.05) == pytest.approx(0.05 / 0.4)
 
 
