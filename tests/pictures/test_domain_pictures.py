@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_model import Scene, load_scene
 from crawler_model.body.turning import load_of_friction
+from crawler_model.theory.stasis import domain_evolution
 from crawler_pictures.domain import draw_domain
+from crawler_pictures.domain_many import draw_box_in_space
 from crawler_pictures.domain_panels import forces_in_frames
 from crawler_pictures.domain_text import last_period, simulated
 from crawler_pictures.domain_two import draw_two
 
-from ..golden_pictures import GOLDEN, words_of_figures
+from ..golden_pictures import GOLDEN, differences, read_figure, words_of_figures
 
 FORWARD, BACK, SECTION, DOMAIN = (0, 158, 115), (200, 64, 15), (224, 96, 90), (242, 220, 218)
 
@@ -178,11 +181,50 @@ def test_loads_move_the_domain_and_can_turn_the_way_that_it_allows(contacts, dri
     assert count(drawn(level, tmp_path), BACK) < count(picture, BACK)
 
 
+def loaded_chain() -> Scene:
+    """Contacts of different friction, the last of which is pulled back harder than its own friction."""
+    level = chain(3, [0.2, 0.3, 0.25], [1.5, 0.5, 0.4], strokes(2))
+    return Scene.model_validate(level.document() | {"loads": [0.0, 0.1, -0.7], "start": "relaxed"})
+
+
+def commanded_chain() -> Scene:
+    """Five contacts whose friction is commanded."""
+    one, other = [0.2, 0.25, 0.3, 0.35, 0.4], [2.0, 1.9, 1.8, 1.7, 1.6]
+    friction = {"forward": [one, other, one], "backward": [other, one, other]}
+    return chain(5, 0.2, 2.0, strokes(4, friction=friction))
+
+
+PAGES = {
+    "two_at_rest": lambda: chain(2, [0.2, 0.3], [0.5, 0.6]),
+    "three_at_rest": lambda: chain(3, [0.2, 0.3, 0.4], [0.5, 0.6, 0.8]),
+    "four_at_rest": lambda: chain(4, [0.2, 0.3, 0.4, 0.1], [0.5, 0.6, 0.8, 0.7]),
+    "loaded": loaded_chain,
+    "commanded": commanded_chain,
+}
+
+
 @pytest.mark.parametrize(
     "name",
-    ["two_contacts_anisotropic", "two_anchor_a", "three_contacts_two_ways", "ten_contact_wave", "planar_three_points"],
+    [
+        "two_contacts_anisotropic",
+        "two_anchor_a",
+        "two_anchor_b",
+        "three_contacts_two_ways",
+        "ten_contact_wave",
+        "hybrid_body",
+        "planar_three_points",
+        "scissors",
+        *PAGES,
+    ],
 )
-def test_the_words_of_a_page_are_those_that_were_read(name, tmp_path):
+def test_the_words_and_curves_of_a_page_are_those_that_were_read(name, tmp_path):
     with words_of_figures() as words:
-        draw_domain(load_scene(name), tmp_path / "d.png")
-    assert words == [(GOLDEN / f"domain_{name}.txt").read_text("utf-8")]
+        draw_domain(PAGES[name]() if name in PAGES else load_scene(name), tmp_path / "d.png")
+    assert not differences(words[0], GOLDEN / f"domain_{name}.txt")
+
+
+def test_the_box_of_three_spring_forces_is_the_one_that_was_read():
+    domain = domain_evolution(PAGES["three_at_rest"]().drive)[1][0]
+    figure = Figure()
+    draw_box_in_space(figure.add_subplot(projection="3d"), domain)
+    assert not differences(read_figure(figure), GOLDEN / "box_in_space.txt")

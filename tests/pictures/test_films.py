@@ -26,9 +26,11 @@ from crawler_pictures.film.camera import follow
 from crawler_pictures.film.encode import write_gif, write_mp4
 from crawler_pictures.film.film import Film, film_of_run, frame_times
 from crawler_pictures.film.moving_set import moving_set
+from crawler_pictures.film.pixels import Clock
 from crawler_pictures.film.player import write_html
 from crawler_pictures.film.stage import Stage
 
+from ..golden_pictures import differences, read_figure
 from ..lab.play.pages import browsing
 from ..recordings import hold, messages, play, record, write
 from ..scenes import wave_scene
@@ -73,6 +75,28 @@ def test_a_frame_is_the_one_that_was_looked_at(films, name):
     assert distance(stage.draw(round(at * 25)), wanted) < TOLERANCE
     other = GOLDEN / f"film_{'ten_contact_wave' if name != 'ten_contact_wave' else 'two_anchor_a'}.png"
     assert distance(stage.draw(round(at * 25)), other) > 2.0 * TOLERANCE
+
+
+def many_contacts() -> Film:
+    scene = wave_scene(1_000, 20.0)
+    return film_of_run(scene, simulate(scene, 0.4, 25.0))
+
+
+@pytest.mark.parametrize("name", [*INSTANTS, "tripedal_star", "slope_climber", "many_contacts"])
+def test_the_words_and_curves_of_a_frame_are_those_that_were_read(films, name):
+    film = many_contacts() if name == "many_contacts" else films[name] if name in films else film_of(name, 1.0)
+    stage = Stage(film)
+    for k in (0, min(round(INSTANTS.get(name, 0.4) * 25), film.time.size - 1)):
+        stage.draw(k)
+    assert not differences(read_figure(stage._figure), GOLDEN / f"film_{name}.txt")
+
+
+@pytest.mark.parametrize(("fps", "shown"), [(2.0, "t = 0.5 s"), (25.0, "t = 0.04 s"), (400.0, "t = 0.003 s")])
+def test_the_clock_has_as_many_decimals_as_tell_frames_apart(fps, shown, monkeypatch):
+    written: list[str] = []
+    monkeypatch.setattr(Clock, "write", lambda clock, picture, text: written.append(text))
+    Stage(film_of("two_anchor_a", 2.0 / fps, fps)).draw(1)
+    assert written == [shown]
 
 
 def test_an_mp4_has_every_frame_in_order(films, tmp_path):

@@ -13,11 +13,12 @@ import pytest
 pytest.importorskip("rerun")
 pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.run.trajectory import TimedJump
-from crawler_pictures.body import draw_body
+from crawler_pictures.body import draw_body, draw_length
 from crawler_pictures.colors import JUMP, rgb
 from crawler_pictures.ground import draw_walls, list_sections, trace_profile
 from crawler_pictures.run.page import draw_run
@@ -28,6 +29,7 @@ from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_s
 from crawler_ros.viewer.page import screenshot
 from crawler_ros.viewer.visualizer import Drawing, draw_recording, to_file
 
+from ..golden_pictures import GOLDEN, differences, read_figure
 from ..recordings import attachments, messages, play, record, write
 from ..replay.test_replay_patches import icy
 from .test_pictures import column, entities, needs_renderer
@@ -123,6 +125,18 @@ def frames(scene: Scene, seconds: float = 2.0) -> list[Frame]:
         jumps = jumps[len(passed) :]
         made.append(frame_of(crawler, ns, crawler.contact_state, tuple(passed)))
     return made
+
+
+@pytest.mark.parametrize("actuators", [(), (1,)])
+def test_a_body_on_its_ground_is_the_one_that_was_read(actuators):
+    document = load_scene("three_contacts_two_ways").document() | {"start": "relaxed"}
+    document["body"]["weights"] = 0.3
+    document["ground"] = {"slope": 2.0, "patches": [{"from": 0.3, "to": 0.5, "friction": 0.5, "slope": -4.0}]}
+    figure = Figure()
+    axis = figure.subplots()
+    draw_body(axis, Scene.model_validate(document), [0.0, 0.02, -0.01], [0.02, -0.03], actuators)
+    draw_length(axis, 0.1, 0.25, 1.5, "half")
+    assert not differences(read_figure(figure), GOLDEN / f"body_{len(actuators)}_actuators.txt")
 
 
 def test_jumps_survive_the_pipe_and_thinning(tmp_path):
