@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from types import SimpleNamespace
 
+from crawler_ros.node.counts import Counts
 from crawler_ros.node.stepper import Stepper
 
 MS = 1_000_000
@@ -125,3 +127,13 @@ def test_pauses_and_resets_do_not_change_the_factor_achieved():
         assert stepper.achieved_factor(begin + 10**11) == 2.0
         stepper.reset(begin + 10**11)
         stepper.pause(False, begin + 10**11)
+
+
+def test_counts_add_up_the_accounts_of_ticks():
+    counts = Counts()
+    for k, stability in enumerate((0.4, 0.1, 0.3), start=1):
+        step = SimpleNamespace(
+            unique=k == 2, overspent=k > 1, unsolved=k > 2, jumps=[None] * (k - 1), jump_loss=0.5 * k
+        )
+        counts.add(step, stability)
+    assert counts == Counts(2, 2, 1, 3, 2.5, 0, 0.1)

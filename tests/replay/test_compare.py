@@ -16,7 +16,8 @@ from crawler_model import Scene, load_scene
 from crawler_ros.recording.bag import BagError
 from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
 from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
-from crawler_ros.replay.show.walks import draw_walks, print_walks, walk_of_recording
+from crawler_ros.replay.show.report import _print_cycles
+from crawler_ros.replay.show.walks import draw_walks, print_walks, tabulate_walks, walk_of_recording
 
 from ..commands import crawler
 from ..recordings import record
@@ -96,6 +97,7 @@ def test_what_a_body_gains_to_the_left_and_turns_is_shown(tmp_path, monkeypatch,
     for figure in kept:
         drawn = [line.get_ydata() for line in figure.axes[0].lines[:2]]
         assert np.array_equal(np.array(drawn).T, table.net_translation - table.net_translation[0])
+        assert "(thick: x, thin: y)" in figure.axes[0].get_title("left")
     left = [cycle.translation[1] for cycle in cycles]
     assert any(list(line.get_ydata()) == left for line in kept[0].axes[1].lines)
     print_comparison(found, Screen(width=200))
@@ -108,9 +110,21 @@ def test_what_a_body_gains_to_the_left_and_turns_is_shown(tmp_path, monkeypatch,
     walk = walk_of_recording("star", found.first)
     draw_walks([walk, walk], tmp_path / "x.png")
     assert [len(axis.lines) for axis in kept[2].axes] == [4, 4]
+    other = replace(walk, gains=walk.gains + np.array([0.5, -0.25]))
+    (difference,) = (column for column in tabulate_walks([walk, other]).columns if column.header == "difference [m]")
+    assert list(difference.cells) == ["", "0.5, -0.25"]
     assert walk.as_plain()["turned"] == found.as_plain()["runs"][1]["turned"] == [cycle.turned for cycle in cycles]
     print_walks([walk, walk], Screen(width=200))
     assert "turned [rad]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("count", [6, 7, 30])
+def test_of_many_cycles_the_first_and_the_last_are_printed(count, pair, capsys):
+    found = compare_all(pair)[0].first
+    cycles = [replace(found.cycles[0], start=float(k)) for k in range(count)]
+    _print_cycles(replace(found, cycles=cycles), Screen(width=200))
+    rows = [line.split("│")[1].split()[0] for line in capsys.readouterr().out.splitlines() if line.startswith("│")]
+    assert rows == [str(k) for k in range(6)] if count == 6 else ["0", "1", "2", "3", f"({count - 5}", str(count - 1)]
 
 
 def test_cycles_after_a_reset_are_not_drawn_over_those_before_it(pair, tmp_path, monkeypatch):

@@ -14,8 +14,10 @@ from typing import Any
 
 import pytest
 
+from crawler_command.many import recordings
+from crawler_command.many.cores import WorkerEndedError, run_on_cores
 from crawler_lab import vary
-from crawler_model import load_scene
+from crawler_model import CrawlerError, load_scene
 
 from ..commands import crawler
 from ..processes import PATIENCE_S, children, wait_until
@@ -259,6 +261,25 @@ def test_halves_of_a_killed_process_are_removed_and_two_processes_do_not_mix(bag
     assert done.stdout == f"0 recording(s) added to {out}; 1 there already\n"
     assert files_of(out) == files_of(made[0])
     assert not (out / ".unfinished").exists()
+
+
+def test_processes_pass_on_errors_and_name_the_jobs_that_were_not_finished(monkeypatch):
+    with pytest.raises(ValueError, match="invalid literal for int"):
+        list(run_on_cores(int, [("x",)], 2))
+    with pytest.raises(WorkerEndedError) as ended:
+        list(run_on_cores(os._exit, [(3,)], 2))
+    assert ended.value.jobs == (0,)
+
+    def end(*given: object) -> None:
+        raise WorkerEndedError([2, 1])
+
+    monkeypatch.setattr(recordings, "run_on_cores", end)
+    names = {"a": "one", "b": "two", "c": "three"}
+    batch = recordings.Batch(Path("out"), {}, names, 0, {}, None, None)
+    with pytest.raises(
+        CrawlerError, match="a process ended while it analysed one of two, three, perhaps out of memory"
+    ):
+        list(recordings._outcomes(batch, [], 2, None))
 
 
 def split(rows: Any) -> list[Any]:

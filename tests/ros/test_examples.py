@@ -6,12 +6,15 @@ import ast
 import inspect
 import re
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 pytest.importorskip("rclpy")
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import Clock
 from scipy.optimize import brentq, minimize_scalar
 
 from crawler_model import Scene, load_scene, simulate
@@ -38,6 +41,27 @@ def test_they_are_plain_rclpy_with_standard_messages(module):
         elif isinstance(node, ast.Import):
             imported |= {alias.name.split(".")[0] for alias in node.names}
     assert imported <= standard | set(sys.stdlib_module_names)
+
+
+@pytest.mark.parametrize(
+    "kind", [speed_control.SpeedControl, phase_control.PhaseControl, path_control.PathControl], ids=lambda k: k.__name__
+)
+def test_rivals_are_named_once_and_withdrawn(kind):
+    count, logged, published = {"pose": 2, "joint_trajectory": 1}, [], []
+    node = SimpleNamespace(
+        rivals="",
+        count_publishers=count.__getitem__,
+        get_name=lambda: "control",
+        get_logger=lambda: SimpleNamespace(warning=logged.append),
+        get_clock=Clock,
+        diagnostics=SimpleNamespace(publish=published.append),
+    )
+    for pose in (2, 2, 1, 1):
+        count["pose"] = pose
+        kind.look_for_rivals(node)
+    assert logged == ["another node publishes pose too"]
+    assert [m.status[0].message for m in published] == ["another node publishes pose too"] * 2 + ["alone"]
+    assert [m.status[0].level for m in published] == [DiagnosticStatus.WARN] * 2 + [DiagnosticStatus.OK]
 
 
 def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple[str, ...] = ("lock_step:=true",)):

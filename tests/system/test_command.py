@@ -10,12 +10,16 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
 
 import crawler_model
+from crawler_command import view
 from crawler_command.app import app, main
+from crawler_command.loads_report import print_holding
+from crawler_command.screen import Screen
 from crawler_model import gallery, load_scene
 from crawler_model.kernel_cache import folder_of_kernels
 
@@ -287,6 +291,27 @@ LIMITS = [
         "uphill: 30.9638 degrees; contact 1 gives way first, at 21.8014",
     ),
 ]
+
+
+def test_check_computes_no_limits_at_rest_of_bodies_that_turn(capsys):
+    print_holding(SimpleNamespace(scene=load_scene("scissors")), Screen(width=200))
+    said = "largest tow and steepest slope that it holds at rest: not computed for bodies that turn\n"
+    assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize("variable", ["DISPLAY", "WAYLAND_DISPLAY"])
+def test_one_display_is_enough_for_the_viewer(variable, tmp_path, monkeypatch):
+    pytest.importorskip("rerun")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, ":7")
+    started: list[list[str]] = []
+    monkeypatch.setattr(view.subprocess, "call", lambda command: started.append(command) or 3)
+    (tmp_path / "x.rrd").write_bytes(b"RRF2")
+    with pytest.raises(SystemExit) as left:
+        main(["view", str(tmp_path / "x.rrd")])
+    assert left.value.code == 3
+    assert [command[1:] for command in started] == [["--bind", "127.0.0.1", str(tmp_path / "x.rrd")]]
 
 
 @pytest.mark.parametrize(("name", "change", "said"), LIMITS)

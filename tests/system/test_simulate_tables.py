@@ -6,12 +6,14 @@ import csv
 import json
 import os
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from crawler_command.app import main
-from crawler_model import Scene, Trajectory, TrajectoryColumns, load_scene, simulate
+from crawler_command.simulate import _check_certificate, write_tables
+from crawler_model import CrawlerError, Scene, Trajectory, TrajectoryColumns, load_scene, simulate
 from crawler_model.run import trajectory
 
 pa = pytest.importorskip("pyarrow")
@@ -95,6 +97,25 @@ def test_the_parquet_file_is_written_in_row_groups(status, monkeypatch):
     assert [described.row_group(i).num_rows for i in range(described.num_row_groups)] == [40, 40, 21]
     with open("a.csv", encoding="utf-8") as file:
         assert len(file.readlines()) == 102
+
+
+def test_the_completed_part_of_a_table_grows_to_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(trajectory, "_NUMBERS", 1)
+    monkeypatch.setattr(trajectory, "_FEWEST_ROWS", 40)
+    parts: list[float] = []
+    write_tables(simulate(load_scene("two_anchor_a"), 1.0), None, tmp_path / "a.csv", parts.append)
+    assert parts == pytest.approx([40 / 101, 80 / 101, 1.0])
+
+
+@pytest.mark.parametrize(("friction", "beyond"), [(0.0, 2e-6), (1e-3, 2e-9), (1e6, 2.0)])
+def test_forces_beyond_their_bounds_are_judged_by_the_largest_friction(friction, beyond):
+    document = load_scene("two_contacts_anisotropic").document() | {"start": "relaxed"}
+    document["friction"] = {"forward": 0.0, "backward": friction}
+    scene = Scene.model_validate(document)
+    energy = SimpleNamespace(relative_residual=0.0)
+    _check_certificate(SimpleNamespace(method="exact", scene=scene, energy=energy, violation=0.4 * beyond))
+    with pytest.raises(CrawlerError, match=r"a spring force exceeds its bound by 2.0e-06 of the largest friction"):
+        _check_certificate(SimpleNamespace(method="exact", scene=scene, energy=energy, violation=beyond))
 
 
 def test_an_existing_table_is_replaced_only_on_request(status, tmp_path, capsys):

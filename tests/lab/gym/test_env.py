@@ -387,6 +387,14 @@ def test_wrong_settings_are_one_clear_line(settings, said):
     assert "\n" not in str(error.value)
 
 
+def test_loads_in_the_plane_are_not_randomised():
+    scene = Scene.model_validate(load_scene("planar_three_points").document() | {"loads": 0.0})
+    with pytest.raises(
+        CrawlerError, match="options: loads is for bodies on a line; in the plane randomise slope or fri"
+    ):
+        crawler_lab.gym.CrawlerEnv(scene, direction=0.0).reset(options={"loads": 1.0})
+
+
 WRONG_ACTIONS = [
     (np.zeros(3), r"action: shape \(3,\); it must be \(2,\)"),
     (0.5, r"action: shape \(\); it must be \(2,\)"),
