@@ -8,7 +8,8 @@ the number of imports between them; of each test by one case before the others. 
 * survived: the nearest test files pass (`--files`), which leaves tests that are slow or were skipped;
 * undecided: the time ended first, which says nothing about the tests that were left.
 
-Kernels run interpreted at first, which takes less than to compile them, and compiled if no test has failed by then.
+Kernels run interpreted at first, which takes less than to compile them, and compiled where the time has ended so.
+A run that was interrupted goes on where it ended, by what it has written to `mutants/`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import ast
 import inspect
 import json
 import os
+import random
 import re
 import resource
 import shutil
@@ -142,33 +144,47 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
     changed = whole[: mutant.place[0]] + mutant.after.encode() + whole[mutant.place[1] :]
     words = {word for part in (mutant.function, path.stem) for word in part.split("_") if len(word) > 2}
     compiled = {WORDS: " ".join(words)} | ({"NUMBA_CACHE_DIR": str(cache)} if mutant.kernel else {})
-    parts = [tests[a:b] for a, b in zip((0, *STAGES), (*STAGES, None), strict=True)]
-    interpreted = [(part, compiled | {"NUMBA_DISABLE_JIT": "1"}) for part in parts[: mutant.kernel]]
-    for files, way in [*interpreted, *((part, compiled) for part in parts)]:
-        unsound = list[str]()
-        while files and mutant.fate != "killed":
+    ways = [(compiled | {"NUMBA_DISABLE_JIT": "1"}, seconds), (compiled, 3.0 * seconds)][not mutant.kernel :]
+    fate = "survived"
+    for files in filter(None, (tests[a:b] for a, b in zip((0, *STAGES), (*STAGES, None), strict=True))):
+        unsound, left = list[str](), list(ways)
+        while left and fate != "killed":
+            way, limit = left[0]
             path.write_bytes(changed)
-            status, said = run(folder, [*unsound, *files], seconds, way)
+            status, said = run(folder, [*unsound, *files], limit, way)
             path.write_bytes(whole)
             failed = re.search(r"^(?:FAILED|ERROR) (tests/.*?\.py(?:::.*?)?)(?: - .*)?$", said, re.M)
             if status in (-signal.SIGSEGV, -signal.SIGABRT):
-                mutant.fate, mutant.test = "killed", "Python crashed"
+                fate, mutant.test = "killed", "Python crashed"
             elif status in (1, 2) and failed and "KeyboardInterrupt" not in said:
                 test = failed[1]
                 if test not in sound:
                     sound[test] = run(folder, [test], 300.0, way)[0] in (0, 5)
                 if sound[test]:
-                    mutant.fate, mutant.test = "killed", test
+                    fate, mutant.test = "killed", test
                 unsound.append(f"--deselect={test}")
             else:
-                if way is compiled:
-                    mutant.fate = "survived" if status == 0 and mutant.fate != "undecided" else "undecided"
+                left = left[1:] if status not in (0, 5) else []
+                if status not in (0, 5) and not left:
+                    fate = "undecided"
+                if not left:
                     counts = re.findall(r"\d+ (?:passed|deselected|skipped)", said.rpartition("\n\n")[2])
                     reasons = sorted(set(re.findall(r"^SKIPPED \[\d+\] \S+ (.*)$", said, re.M)))
                     mutant.not_run += "; ".join([", ".join(counts) or f"ended with status {status}", *reasons]) + ". "
-                break
     shutil.rmtree(cache, ignore_errors=True)
-    mutant.seconds = round(time.monotonic() - begun, 1)
+    mutant.fate, mutant.seconds = fate, round(time.monotonic() - begun, 1)
+
+
+def take_over(mutants: list[Mutant], folder: Path) -> None:
+    """Give mutants the fates that an earlier run has found for them."""
+
+    def key(mutant: Mutant) -> str:
+        return f"{mutant.file} {mutant.place[0]} {mutant.before} {mutant.after}"
+
+    if (folder / "mutants.json").exists():
+        kept = json.loads((folder / "mutants.json").read_text("utf-8"))["mutants"]
+        known = {key(m): m for m in (Mutant(**{k: v for k, v in each.items() if k != "number"}) for each in kept)}
+        mutants[:] = [known.get(key(m), m) for m in mutants]
 
 
 def report(mutants: list[Mutant], folder: Path, seed: int) -> str:
@@ -200,7 +216,7 @@ def main() -> None:
     parser.add_argument("--files", type=int, default=24, help="number of test files, the nearest ones")
     parser.add_argument("--at-once", type=int, default=2, help="mutants that are tested at the same time")
     parser.add_argument("--packages", default=".*", help="regular expression for the names of the packages")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of the mutants to try; without, all")
+    parser.add_argument("--only", type=int, nargs="*", help="numbers of the mutants to try, again if need be")
     given = parser.parse_args()
     os.nice(15)
     listed = subprocess.run(
@@ -224,13 +240,16 @@ def main() -> None:
 
         def one(number: int) -> None:
             mutant, place = mutants[number], copies.pop()
+            mutant.fate = mutant.test = mutant.not_run = ""
             try_out(mutant, place, order_tests(mutant, graph, clean)[: given.files], given.seconds, sound)
             copies.append(place)
             report(mutants, ROOT / "mutants", given.seed)
             print(f"{number}: {mutant.fate}: {mutant.file}:{mutant.line} {mutant.kind} {mutant.test}", flush=True)
 
-        with ThreadPoolExecutor(given.at_once) as pool:
-            list(pool.map(one, range(len(mutants)) if given.only is None else given.only))
+        take_over(mutants, ROOT / "mutants")
+        left = [k for k, m in enumerate(mutants) if not m.fate] if given.only is None else given.only
+        with ThreadPoolExecutor(given.at_once) as pool:  # a run that is interrupted has tried a fair sample
+            list(pool.map(one, random.Random(given.seed).sample(left, len(left))))
     print(report(mutants, ROOT / "mutants", given.seed))
 
 
