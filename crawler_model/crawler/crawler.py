@@ -37,7 +37,8 @@ class Crawler:
             budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
                 that changes; in a graph in every round of its active set) plus breakpoints passed in projections; by
                 default 10 000 (N + 1 000). In the plane points in evaluations of steps, by default 200 000 (N + 100).
-                When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it.
+                When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it; for a body that
+                turns this is a jump.
 
         Raises:
             CommandError: if the method is unknown, or is `exact` in the plane, or the budget is no whole number.

@@ -155,7 +155,7 @@ class PlaneMotion:
                     continue
             if frame.effort[0] <= frame.effort[1]:
                 raise CommandError(self._explain(state, place))
-            self._complete(state, fields, target, velocity, account, progress)
+            yield from self._complete(state, fields, target, velocity, ramp, account, progress)
             strayed = True
             break
         account[OVERSPENT] += strayed
@@ -199,8 +199,8 @@ class PlaneMotion:
         far = distance > self.tolerance
         jumps = far and (not balanced or self._buckles(frame, before, target, part, velocity, distance))
         allowed = self.body.turning is not None and self.body.turning.jumps
+        own[RESIDUAL] -= min(loss, 0.0) if jumps else loss
         if not jumps:
-            own[RESIDUAL] -= loss
             held = not far or is_held(frame, state.command, state.x, state.x - before[0])
             account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if held else 1.0)
         elif not allowed:
@@ -211,7 +211,7 @@ class PlaneMotion:
         account += own
         account[VISITED] = min(account[VISITED], state.visited_margin(state.force))
         end = 1.0 if part == 1.0 else place + ahead
-        return ahead, Jump(ramp, end, int(contact), None, float(distance), float(loss)), jumps
+        return ahead, Jump(ramp, end, int(contact), None, float(distance), float(max(loss, 0.0))), jumps
 
     def _buckles(
         self,
@@ -224,7 +224,8 @@ class PlaneMotion:
     ) -> bool:
         """Determine whether a body that moved by a distance with a part of a ramp, and lost no energy, has buckled."""
         found, _, nearer, _ = jump(frame, tuple(state), target, part / _NEARER, moved, np.zeros(ACCOUNT_SIZE))
-        return not found or distance < _CONTINUOUS * nearer
+        spent = frame.effort[0] > frame.effort[1]  # which decides nothing
+        return not spent and (not found or distance < _CONTINUOUS * nearer)
 
     def _complete(
         self,
@@ -232,10 +233,11 @@ class PlaneMotion:
         fields: tuple[Any, ...],
         target: np.ndarray,
         velocity: np.ndarray,
+        ramp: int,
         account: np.ndarray,
         progress: np.ndarray,
-    ) -> None:
-        """Complete a ramp whose budget is spent by one implicit step; the residual shows what that loses."""
+    ) -> Iterator[Jump]:
+        """Complete a ramp whose budget is spent by one implicit step; a body that turns jumps to its end."""
         place = 100.0 * progress[PLACE]
         if self.body.turning is not None and not self.body.turning.jumps:
             raise CommandError(
@@ -247,10 +249,11 @@ class PlaneMotion:
         if self.body.turning is None:
             found = complete_ramp(fields, arrays, target, account, progress)
         else:
-            found, _, _, loss = jump(frame, arrays, target, 1.0, velocity, account)
-            account[RESIDUAL] -= loss
-            progress[PLACE] = 1.0
+            found, contact, distance, loss = jump(frame, arrays, target, 1.0, velocity, account)
+            account[RESIDUAL] -= min(loss, 0.0)
             account[VISITED] = min(account[VISITED], state.visited_margin(state.force))
+            if found:
+                yield Jump(ramp, 1.0, int(contact), None, float(distance), float(max(loss, 0.0)))
         if not found:
             raise CommandError(
                 f"command: at {place:.4g} % of the ramp the budget of work is spent, and no equilibrium was found at "

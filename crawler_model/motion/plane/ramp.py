@@ -159,8 +159,9 @@ def _settle(frame, state, target, part, best, after, limits):
     The displacement, the dissipation and the work of the loads in `best` become those to that end. `limits` has the
     error that is allowed [m], and whether `best` is one implicit step.
 
-    Returns whether it is stable and the energies balance: where they do not, the body has jumped; their residual; and
-    how far a point moves: beyond the error, one has started before the end, unseen by the steps.
+    Returns whether there is such an end; whether it is stable and the energies balance: where they do not, the body has
+    jumped; their residual; and how far a point moves: beyond the error, one has started before the end, unseen by the
+    steps.
     """
     x, _, command, _ = state
     n = x.shape[0]
@@ -187,9 +188,9 @@ def _settle(frame, state, target, part, best, after, limits):
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
     balanced = is_balanced(frame, now, after, spent, residual, (allowed, BALANCED))
     if frame.vector:
-        return solved and balanced, residual, shift
+        return solved, balanced, residual, shift
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
-    return solved and balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual, shift
+    return solved, balanced and not decreases(frame, now, matrix, owner, UNSTABLE)[0], residual, shift
 
 
 @lean
@@ -293,7 +294,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
                 ending = limits[0], outcome == AT_END
-                settled, residual, shift = _settle(frame, state, target, part, best, after, ending)
+                solved, lasts, residual, shift = _settle(frame, state, target, part, best, after, ending)
+                settled = solved and lasts
                 if settled and shift > limits[0] and length > _LEAST_FALL:
                     aim = _SHORT_OF * length
                     continue
@@ -374,7 +376,7 @@ def complete_ramp(fields, state, target, account, progress):
         progress: as for `follow_ramp`, changed in place.
 
     Returns:
-        Whether it has a solution; else nothing has changed.
+        Whether it was solved; else nothing has changed.
     """
     x = state[0]
     n = x.shape[0]
@@ -383,8 +385,10 @@ def complete_ramp(fields, state, target, account, progress):
     after = np.empty((n, 2))
     if not approach(frame, target, x, after, np.empty((n, 2))):
         return False
-    walk(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
-    _, residual, _ = _settle(frame, state, target, 1.0, best, after, (0.0, False))
+    walked, _ = walk(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
+    solved, _, residual, _ = _settle(frame, state, target, 1.0, best, after, (0.0, False))
+    if not (walked and solved):
+        return False
     account[RESIDUAL] += residual
     _take(frame, state, target, 1.0, best, after, account)
     progress[PLACE] = 1.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, load_scene
+from crawler_model.motion.plane import motion
 
 from ..planar_ramps import stiff, stiff_error
 
@@ -65,3 +66,25 @@ def test_a_spent_budget_does_not_hide_a_jump_that_is_refused():
     with pytest.raises(CommandError, match="the budget of work is spent, and the scene has on_instability: refuse"):
         crawler.follow(scene.drive.targets[1:2])
     assert crawler._state.bits() == before
+
+
+@pytest.mark.parametrize("name", bodies())
+def test_a_step_that_completes_a_ramp_balances_all_forces_or_is_refused(name, monkeypatch):
+    """Its work is limited, too, wherever in the step the limit is reached."""
+    scene = Scene.model_validate(bodies()[name])
+    found = []
+    for limit in (*range(40), 100, 10_000):
+        monkeypatch.setattr(motion, "_COMPLETION", limit)
+        crawler = Crawler(scene, budget=0)
+        before = crawler._state.bits()
+        try:
+            step = crawler.follow(scene.drive.targets[1:2])
+        except CommandError as error:
+            assert "the budget of work is spent, and no equilibrium was found at its end" in str(error)  # noqa: PT017
+            assert crawler._state.bits() == before
+            found.append(0)
+        else:
+            assert step.certificate.violation < 1e-8
+            found.append(step.overspent)
+    assert found == sorted(found)
+    assert set(found) == {0, 1}

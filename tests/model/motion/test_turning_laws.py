@@ -164,7 +164,10 @@ def soft(seed: int) -> dict[str, Any]:
     return {"name": "soft", "dimension": 2, "body": body, "friction": friction, "drive": drive, "tolerance": 1e-4}
 
 
-SOFT = range(1200) if BODIES > 8 else range(24)
+FAMILIES = [
+    *((soft, seed) for seed in (range(1200) if BODIES > 8 else (*range(24), 199))),
+    *((tree, seed) for seed in range(BODIES)),
+]
 
 
 def stored(body: Crawler) -> float:
@@ -172,10 +175,11 @@ def stored(body: Crawler) -> float:
     return float((body.tension**2 / stiffness).sum() / 2.0)
 
 
-@pytest.mark.parametrize("seed", SOFT)
-def test_what_is_not_stored_dissipated_or_done_by_loads_is_lost_in_a_listed_jump(seed):
-    """The residual is that of the energies, and small unless a ramp spent its budget or left its tolerance, which is said."""
-    document = soft(seed)
+@pytest.mark.parametrize(("family", "seed"), FAMILIES)
+def test_what_is_not_stored_dissipated_or_done_by_loads_is_lost_in_a_listed_jump(family, seed):
+    """The residual is that of the energies, and small, also where a ramp spent its budget or left its tolerance."""
+    document = family(seed)
+    least = document["tolerance"] * np.max(list(document["friction"].values()))
     body = Crawler(Scene.model_validate(document), budget=100_000)
     before = stored(body)
     for goal in document["drive"]["actuation"][1:]:
@@ -188,5 +192,17 @@ def test_what_is_not_stored_dissipated_or_done_by_loads_is_lost_in_a_listed_jump
         missed = after - before + step.dissipation + step.jump_loss - step.work
         spent = abs(after - before) + step.dissipation + abs(step.work)
         assert missed == pytest.approx(step.certificate.energy_residual, abs=1e-9 * spent)
-        assert step.overspent or abs(missed) < 5e-3 * spent
+        assert abs(missed) < 5e-3 * spent + least
+        assert all(jump.loss >= 0.0 for jump in step.jumps)
         before = after
+
+
+@pytest.mark.parametrize("seed", [24, 76])
+def test_a_body_that_creeps_up_to_a_fold_jumps_there(seed):
+    """Its parts become ever shorter: unless they are given up, they spend this budget, and one step takes the rest."""
+    document = soft(seed)
+    body = Crawler(Scene.model_validate(document), budget=2_000_000)
+    steps = [body.advance(goal) for goal in document["drive"]["actuation"][1:]]
+    assert not any(step.overspent for step in steps)
+    assert steps[-1].jumps
+    assert all(jump.part < 1.0 and jump.loss > 0.0 for jump in steps[-1].jumps)
