@@ -387,6 +387,14 @@ def test_a_start_that_pretension_forbids_names_the_limits():
         Scene.model_validate(document)
 
 
+def test_check_names_the_contacts_that_never_slide():
+    document = load_scene("two_anchor_a").document() | {"start": "relaxed"}
+    document["body"] = {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": 1.0}}
+    document["friction"] = {"forward": [0.2, 0.2, 50.0], "backward": [0.6, 0.6, 50.0]}
+    document["drive"] = {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0, 0], [4, 1], [0, 0]]}
+    assert "contacts that never slide: 2\n" in report_of(Scene.model_validate(document))
+
+
 def test_check_reports_friction_that_a_motor_never_overcomes():
     weak = {"stiffness": 8.0, "tension": {"least": -0.4, "most": 0.4}}
     text = report_of(two_contacts(weak, 2.0))

@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from crawler_command.app import main
-from crawler_model import Scene, load_scene, simulate
+from crawler_model import CrawlerError, Scene, load_scene, simulate
 from crawler_pictures.colors import LINES
 from crawler_pictures.run.page import draw_run
 from crawler_pictures.run.plane import draw_friction, draw_plane
@@ -151,6 +151,12 @@ def test_a_long_name_ends_in_an_ellipsis_and_takes_no_room_from_panels(tmp_path,
     written = [text.get_text() for text in kept[0].findobj(Text)]
     assert "m" * 57 + "..." in written
     assert not any("m" * 58 in text for text in written)
+
+
+def test_a_run_without_states_is_refused():
+    run = replace(read_trajectory(simulate(PAGES["three"](), 1.0)), time=np.zeros(0))
+    with pytest.raises(CrawlerError, match=r"no\.png: there is no state to draw"):
+        draw_run(run, Path("no.png"))
 
 
 def test_two_columns_are_lower_and_have_more_pixels_for_print(pages, tmp_path):

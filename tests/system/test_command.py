@@ -16,11 +16,11 @@ import pytest
 import typer
 
 import crawler_model
-from crawler_command import view
+from crawler_command import loads_report, view
 from crawler_command.app import app, main
-from crawler_command.loads_report import print_holding
+from crawler_command.loads_report import print_holding, print_limits
 from crawler_command.screen import Screen
-from crawler_model import gallery, load_scene
+from crawler_model import Scene, gallery, load_scene
 from crawler_model.kernel_cache import folder_of_kernels
 
 from ..commands import crawler
@@ -291,6 +291,15 @@ LIMITS = [
         "uphill: 30.9638 degrees; contact 1 gives way first, at 21.8014",
     ),
 ]
+
+
+def test_the_tow_that_check_searches_for_is_on_the_last_contact(monkeypatch):
+    def search(scene: Scene, contact: int, *_: object) -> None:
+        raise RuntimeError(f"contact {range(scene.body.contacts)[contact]}")
+
+    monkeypatch.setattr(loads_report, "largest_tow", search)
+    with pytest.raises(RuntimeError, match="contact 2"):
+        print_limits(load_scene("three_contacts_one_way"), Screen(width=200))
 
 
 def test_check_computes_no_limits_at_rest_of_bodies_that_turn(capsys):

@@ -44,6 +44,12 @@ def environments(**more):
     return CrawlerVectorEnv(2, pair(), **more)
 
 
+def begun(**more):
+    found = environments(**more)
+    found.reset()
+    return found
+
+
 def fit(**bounds):
     return identify(
         pair(), [still()], ["friction.isotropic"], bounds={k.replace("_", "."): v for k, v in bounds.items()}
@@ -144,6 +150,32 @@ REFUSED = [
         "mode: scene; pair has no drive, use hand or wave",
     ),
     (lambda: environments().step(np.zeros((2, 1))), CrawlerError, "step: no episode has begun; call reset first"),
+    (
+        lambda: begun().step(np.array([[0.0], [np.nan]])),
+        CommandError,
+        "action: link_0 of environment 1 is nan; it must",
+    ),
+    (lambda: optimise(pair(**DRIVE), slower_than=0.1), SceneError, "slower_than: pair has no masses; give body.masses"),
+    (
+        lambda: sensitivities(
+            Scene.model_validate(
+                linked({"stiffness": 1, "hysteresis": [{"stiffness": 1, "yield": 1}]}).document() | DRIVE
+            ),
+            ["friction.isotropic"],
+        ),
+        SceneError,
+        "sensitivities: pair has springs with hysteresis; derivatives of what they remember are not implemented",
+    ),
+    (
+        lambda: optimise(pair(**DRIVE), robust={"body.links.stifness": (0.9, 1.1)}),
+        SceneError,
+        "robust: body.links.stifness",
+    ),
+    (
+        lambda: optimise(pair(**DRIVE), free={"body.links.stifness": (0.9, 1.1)}),
+        SceneError,
+        "free: body.links.stifness",
+    ),
 ]
 
 
