@@ -364,6 +364,8 @@ def test_check_meets_waypoints_between_the_usual_ticks():
     scene = Scene.model_validate(two_contacts({"stiffness": 100.0}, 0.1, 10.0).document() | {"drive": drive})
     assert choose_rate(scene) == 200.0
     assert choose_rate(load_scene("two_anchor_a")) == 100.0
+    long = {"times": [0, 0.0002, 10], "actuation": [[0], [0], [0]]}  # 50 000 ticks are not too many
+    assert choose_rate(Scene.model_validate(scene.document() | {"drive": long})) == 5000.0
     screen = Screen(file=io.StringIO(), width=300)
     print_report(simulate(scene, rate=choose_rate(scene)), screen)
     assert "largest force of an actuator along the drive: 5.5 N" in screen.file.getvalue()

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt
 
+from crawler_model import Scene, load_scene
 from crawler_pictures.colors import BACK, BOTH, FORWARD, STICK, rgb
-from crawler_pictures.numbers import choose_prefix, label_values
+from crawler_pictures.numbers import choose_prefix, error_of, label_values
 from crawler_pictures.run.arrays import Gains
 from crawler_pictures.run.cycles import draw_gains
 from crawler_pictures.run.forces import draw_tensions, join_names
@@ -172,6 +173,15 @@ def test_bars_of_rounding_are_not_drawn():
 )
 def test_units_suit_the_numbers(size, unit, wanted):
     assert choose_prefix(size, unit) == wanted
+
+
+def test_the_error_of_lengths_grows_with_the_strokes_of_a_body_in_the_plane():
+    scene = load_scene("planar_three_points")
+    document = scene.document()
+    document["drive"]["actuation"] = (2.0 * np.array(document["drive"]["actuation"])).tolist()
+    assert error_of(scene) == pytest.approx(6e-6)
+    assert error_of(Scene.model_validate(document)) == pytest.approx(2.0 * error_of(scene))
+    assert error_of(load_scene("two_anchor_a")) == 0.0
 
 
 def test_names_of_equal_curves_are_joined():

@@ -71,6 +71,7 @@ def test_it_has_what_rosbag2_writes(run):
     assert metadata["relative_file_paths"] == [f"{path.name}_0.mcap"]
     counts = {t["topic_metadata"]["name"]: t["message_count"] for t in metadata["topics_with_message_count"]}
     assert OUT | {"/joint_trajectory", "/friction_controller/commands"} <= set(counts)
+    assert not {"/odom", "/clock"} & set(counts)  # they are not published
     assert counts["/friction_controller/commands"] == 1
     assert counts["/joint_trajectory"] >= 3  # a player that waits long asks for a state
     assert sum(counts.values()) == metadata["message_count"] == metadata["files"][0]["message_count"]
@@ -178,9 +179,9 @@ def states_on_disk(path: Path) -> int:
 
 
 def test_with_its_recording_process_killed_too_what_was_on_disk_is_kept(tmp_path):
-    """It is brought there again and again, twice a second where the machine has the time."""
+    """It is brought there again and again, twice a second where the machine has the time; commands even unpublished."""
     with graph(tmp_path) as ros:
-        simulator = ros.simulator(f"record:={tmp_path / 'bags'}", "rate:=100.0")
+        simulator = ros.simulator(f"record:={tmp_path / 'bags'}", "rate:=100.0", "publish.applied_commands:=false")
         ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.2, 0.0]))
         path = only(tmp_path / "bags")
         wait_until(lambda: states_on_disk(path) > 200, what="two seconds on disk")
@@ -192,6 +193,7 @@ def test_with_its_recording_process_killed_too_what_was_on_disk_is_kept(tmp_path
         simulator.process.wait()
         health = bag.examine(path)
         assert not health.complete
+        assert health.counts["/applied_commands"] > 0
         assert bag.recover(path, tmp_path / "again") == sum(health.counts.values())
         with AnyReader([tmp_path / "again"]) as reader:
             stamps = [

@@ -115,6 +115,7 @@ def test_compromises_between_going_far_and_going_cheaply(monkeypatch):
     monkeypatch.setitem(pareto.__globals__, "_POINTS", 1)
     monkeypatch.setitem(_STALE_ROUNDS, 2, 1)
     found = pareto(SCISSORS, free={OPENED: (0.0, 0.8)}, towards=90)
+    assert found.complete
     assert len(found.points) >= 2
     for better, cheaper in zip(found.points, found.points[1:], strict=False):
         assert better.gain > cheaper.gain > 0.0
