@@ -1,7 +1,9 @@
-"""Whether the elements of segments resolve the derivatives of the continuous body.
+"""The derivatives of a continuous body, from those of several grids.
 
 The derivatives of a grid are those of a body of springs. They tend to those of the continuous body as the grid gets
-finer, but where waves run along a segment, or other contacts rest with it, they may do so more slowly than the motion.
+finer, but where waves run along a segment, or other contacts rest with it, they may do so slowly, and scatter from grid
+to grid, as contacts lie differently. The mean of several grids then is much closer than any of them, and its standard
+error tells how close.
 
 Where the point at rest is exactly between two cells, the grid has a kink, and the continuous body has none: on either
 side of it another contact rests in place of the point. The derivatives are then the mean of those on both sides.
@@ -16,12 +18,19 @@ import numpy as np
 from crawler_model.scene.assembly import Assembly
 from crawler_model.scene.scene import Scene
 
-_OTHERS = ((24, (2.1, 3.3)), (400, (0.62, 1.55)), (math.inf, (0.62, 0.79)))
+_OTHERS = (
+    (24, (2.1, 2.4, 2.7, 3.1, 3.3)),
+    (400, (1.1, 1.21, 1.34, 1.55, 1.89)),
+    (math.inf, (0.55, 0.62, 0.7, 0.79, 0.89)),
+)
 """Elements of the other grids, as parts of those of the scene, where a segment has up to so many: some derivatives are
 zero on coarse grids."""
-RESOLVED = 0.025
-"""Derivatives that differ by a larger part between grids are not those of the continuous body: as they converge with
-the size of the elements, their own error is about twice the difference."""
+_ERRORS = 2.5
+"""Standard errors of the mean by which it may differ from the derivatives of the continuous body."""
+RESOLVED = 0.05
+"""Derivatives that may differ by a larger part are not those of the continuous body."""
+SIDES = 0.025
+"""Likewise of the derivatives on both sides of a kink of the grid."""
 _TILT = 1e-8
 """Part by which forward friction differs from its value on either side of a kink."""
 _SMALL = 0.02
@@ -71,19 +80,41 @@ def tilt(scene: Scene) -> list[Assembly]:
     return sides
 
 
-def compare_grids(own: np.ndarray, others: list[np.ndarray], travel: float, values: np.ndarray) -> np.ndarray:
-    """Estimate by how much derivatives of the net translation differ from those of the continuous body.
+def _find_size(grids: np.ndarray, travel: float, values: np.ndarray) -> np.ndarray:
+    """Find what differences of derivatives are compared to: the largest one, unless it is small, shape (P,)."""
+    size = np.abs(grids).max(axis=(0, 1), initial=0.0)
+    least = _SMALL * travel / np.where(values == 0.0, 1.0, np.abs(values))
+    return np.asarray(np.maximum(np.maximum(size, least), np.finfo(np.float64).tiny))
+
+
+def compare_sides(first: np.ndarray, second: np.ndarray, travel: float, values: np.ndarray) -> np.ndarray:
+    """Compare derivatives of the net translation on both sides of a kink.
 
     Args:
-        own: the derivatives, shape (K, P).
-        others: those on other grids.
+        first: those on one side, shape (K, P).
+        second: those on the other.
         travel: how far the body moves [m].
         values: of the parameters, shape (P,).
 
     Returns:
         The largest differences, as parts of the largest derivative with respect to the same parameter, shape (P,).
     """
-    size = np.abs(np.stack((own, *others))).max(axis=(0, 1), initial=0.0)
-    least = _SMALL * travel / np.where(values == 0.0, 1.0, np.abs(values))
-    differences = np.abs(np.stack(others) - own).max(axis=(0, 1), initial=0.0)
-    return np.asarray(differences / np.maximum(np.maximum(size, least), np.finfo(np.float64).tiny))
+    size = _find_size(np.stack((first, second)), travel, values)
+    return np.asarray(np.abs(second - first).max(axis=0, initial=0.0) / size)
+
+
+def average_grids(grids: np.ndarray, travel: float, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Average derivatives of the net translation over grids.
+
+    Args:
+        grids: the derivatives on each, shape (G, K, P).
+        travel: how far the body moves [m].
+        values: of the parameters, shape (P,).
+
+    Returns:
+        Their mean, shape (K, P); and its largest error, as a part of the largest derivative with respect to the same
+        parameter, shape (P,).
+    """
+    mean = grids.mean(axis=0)
+    error = _ERRORS * grids.std(axis=0, ddof=1) / math.sqrt(len(grids))
+    return mean, np.asarray(error.max(axis=0, initial=0.0) / _find_size(mean[None], travel, values))

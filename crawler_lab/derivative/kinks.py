@@ -218,6 +218,8 @@ def look_at_bounds(system, derivative, commands, piece):
         bound_rate = commands.change[springs + i] if ahead else commands.change[springs + n + i]
         closing = (contact.force_rate if ahead else -contact.force_rate) - bound_rate
         slack = above if ahead else below
+        if contact.held != 0 and not arrives:  # its force stays at the bound to the last bit
+            ahead, closing, slack = contact.held > 0, 0.0, 0.0
         if closing > AT_BOUND * (contact.rate_size + abs(bound_rate)):
             arrives |= slack <= closing * INSTANT + 1e-4 * near
         if not arrives and (slack > near or piece.until - piece.begin < _SHORTEST):
@@ -264,7 +266,8 @@ def look_at_choice(system, derivative, commands, piece):
             bound, change = commands.target[springs + i], commands.change[springs + i]
             force, rate = contact.force, contact.force_rate
         near = bound - force <= AT_BOUND * (contact.size + abs(bound))
-        if not near or abs(rate - change) > AT_BOUND * (contact.rate_size + abs(change)):
+        stays = near and abs(rate - change) <= AT_BOUND * (contact.rate_size + abs(change))
+        if not stays and contact.held == 0:
             return
     if abs(drift) > SAME * fastest:
         return

@@ -128,6 +128,8 @@ def _build_system(body: Body, parameters: int) -> System:
         np.concatenate(([0], np.cumsum(np.bincount(ends, minlength=body.contacts)))),
         np.argsort(ends, kind="stable") // 2,
         build_band(body, springs),
+        np.empty((body.contacts, 2)),
+        np.empty((body.contacts, 2)),
         np.zeros((_KINKS, 3)),
         Curves(*curves) if curves else None,
     )
@@ -169,6 +171,8 @@ class TangentPath:
         self.one_sided = self._system.parameters["one_sided"]
         self.kinks: list[tuple[int, float, int]] = []
         self._ramps, self._samples = 0, samples
+        self._friction = 0
+        """Which derivatives friction has, as a number of `_find_steady`; -1 between waypoints where they change."""
 
     @property
     def dx(self) -> np.ndarray:
@@ -200,34 +204,60 @@ class TangentPath:
         n = self._plan.body.contacts
         most = max(1, _MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * n)))
         most = min(most, max(1, _MOST_NUMBERS // max(self._derivative.dx.size, 1)))
-        found = [self._follow(vertices, slice(i, i + most)) for i in range(0, vertices.time_ns.size, most)]
+        steady = self._find_steady(vertices)
+        ends = np.append(np.flatnonzero(np.diff(steady)) + 1, steady.size)
+        found = [
+            self._follow(vertices, slice(i, min(i + most, end)), bool(steady[i]))
+            for begin, end in zip(np.append(0, ends[:-1]), ends, strict=True)
+            for i in range(begin, end, most)
+        ]
         names = ("x", "rest", "work", "dx", "d_work", "speed")
         return Stretch(*(np.concatenate([getattr(part, name) for part in found]) for name in names))
 
-    def _follow(self, vertices: Vertices, rows: slice) -> Stretch:
+    def _find_steady(self, vertices: Vertices) -> np.ndarray:
+        """Find the ramps whose events note only what they change, see `starts`, bool, shape (V,).
+
+        They are those of a body with segments and linear springs, on which friction and its derivatives do not change.
+        """
+        body, count, first = self._plan.body, vertices.time_ns.size, self._plan.body.springs
+        if not body.element_ends.size or body.bends:
+            return np.zeros(count, np.bool_)
+        friction, n = slice(first, first + 2 * body.contacts), body.contacts
+        bounds = np.vstack((self._commands.start, vertices.targets))[:, friction]
+        rows, d_rows = (course[:, friction] for course in self._course)
+        number = np.zeros(len(d_rows), np.int64)  # the same for waypoints with the same derivatives of friction
+        number[1:] = np.cumsum((d_rows[1:] != d_rows[:-1]).any(axis=(1, 2)))
+        number[(d_rows == d_rows[0]).all(axis=(1, 2))] = 0
+        at, to = vertices.before, vertices.after
+        alike = (number[at] == number[to]) & (rows[at] == rows[to]).all(axis=1)
+        reached = np.append(self._friction, np.where(alike, number[at], -1))
+        self._friction = int(reached[-1])
+        held = (bounds[:-1, :n] + bounds[:-1, n:] > 0.0).all(axis=1)
+        same = (bounds[1:] == bounds[:-1]).all(axis=1) & (reached[1:] == reached[:-1]) & (reached[1:] >= 0)
+        return np.asarray(same & held)
+
+    def _follow(self, vertices: Vertices, rows: slice, steady: bool) -> Stretch:
         n, springs = self._plan.body.contacts, self._plan.body.springs
         targets = vertices.targets[rows]
         count = targets.shape[0]
         records = np.empty((count, 2 * n + springs))
         contacts, begin_tension = self._state.contacts, np.array(self._state.tension)
         begin_x = contacts["x"] + contacts["rest"]
-        pieces = self._find_pieces(targets, records)
+        pieces = self._find_pieces(targets, records, steady)
         tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
         elongations = self._find_elongations(np.vstack((begin_x[None], records[:, :n] + records[:, n : 2 * n])), pieces)
         columns = self._derivative.dx.shape[1]
-        dx, work, d_work = np.empty((count, n, columns)), np.empty(count), np.empty((count, columns))
+        dx, d_work = np.empty((count, n, columns)), np.empty((count, columns))
+        work, speed = np.empty(count), np.empty((count, n))
         part = (vertices.before[rows], vertices.after[rows], vertices.part[rows])
         d_part = np.ascontiguousarray(vertices.d_part[rows])
         course = Course(*self._course, *part, d_part, targets, tensions, elongations, pieces)
         self._system.kinks[0, 0] = 0.0
-        follow_tangent(
-            self._system, self._derivative, self._commands, course, self._piece, (dx, work, d_work), self._samples
-        )
+        output = dx, work, d_work, speed
+        follow_tangent(self._system, self._derivative, self._commands, course, self._piece, output, self._samples)
         found = self._system.kinks[1 : 1 + int(self._system.kinks[0, 0])]
         self.kinks += [(self._ramps + int(ramp), float(place), int(contact)) for ramp, place, contact in found]
         self._ramps += count
-        speed = np.zeros((count, n))
-        speed[pieces[:, RAMP].astype(np.int64)] = pieces[:, HEADER : HEADER + n]  # the last piece of a ramp remains
         return Stretch(records[:, :n], records[:, n : 2 * n], work, dx, d_work, speed)
 
     def _find_elongations(self, x: np.ndarray, pieces: np.ndarray) -> np.ndarray:
@@ -253,12 +283,12 @@ class TangentPath:
         ends = body.ends[bent]
         return np.ascontiguousarray(x[:-1, ends[:, 1]] - x[:-1, ends[:, 0]])
 
-    def _find_pieces(self, targets: np.ndarray, records: np.ndarray) -> np.ndarray:
-        """Follow ramps and note their pieces."""
+    def _find_pieces(self, targets: np.ndarray, records: np.ndarray, steady: bool) -> np.ndarray:
+        """Follow ramps and note their pieces, or only the changes of contacts."""
         account = np.zeros(ACCOUNT_SIZE)
         account[VISITED] = math.inf
         budget = default_budget(self._plan.body)
-        pieces = follow_pieces(self._motion, self._state, self._scratch, targets, budget, account, records)
+        pieces = follow_pieces(self._motion, self._state, self._scratch, targets, budget, account, records, steady)
         failed = int(account[OVERSPENT] + account[UNSOLVED])
         if failed:
             raise CommandError(f"{failed} ramp(s) have too many events to be followed exactly; no derivative exists")

@@ -24,6 +24,9 @@ CONTACT = np.dtype(
         ("v", _FLOAT),  # velocity on the piece [m per ramp]
         ("v_before", _FLOAT),  # velocity on the piece before
         ("sliding", _BYTE),  # direction on the piece: 1, -1; 0 if it is stuck, FREE without friction if it never slid
+        ("state", _BYTE),  # as last noted by the engine, see `motion.pieces`; 0 where pieces are noted
+        ("speed", _FLOAT),  # its velocity then [m per ramp]
+        ("held", _BYTE),  # that state on the piece if it rests at a bound, else 0
         ("arriving", _BYTE),  # bounds that it reaches at the end of the piece, as bits FORWARD and BACKWARD
         ("arrived", _BYTE),  # 1 if it reached a bound there, 2 if that instant depends on the parameters
         ("force", _FLOAT),  # of the springs, at the end of the piece [N]
@@ -31,7 +34,7 @@ CONTACT = np.dtype(
         ("size", _FLOAT),  # sum of the absolute tensions around it [N]
         ("rate_size", _FLOAT),
         ("ground", _FLOAT),  # stiffness of its springs to what is stuck, in the elimination [N/m]
-        ("way", _FLOAT),  # how far it slid on the pieces that are taken as one [m]
+        ("way", _FLOAT),  # how far it slid on the piece, or on those that are taken as one [m]
         ("loose", _BYTE),  # whether it slides and no spring joins it, or the contacts that it stands for, to others
     ],
     align=True,
@@ -75,13 +78,15 @@ PARAMETER = np.dtype(
 PIECE = np.dtype(
     [
         ("ramp", _INT),  # number of the ramp
-        ("next", _INT),  # row of the next piece
+        ("next", _INT),  # row of the next piece, or change
         ("begin", _FLOAT),  # the part of the ramp that the piece spans
         ("until", _FLOAT),
+        ("first", _FLOAT),  # where the first of those begins that are taken as one with it
+        ("riders", _INT),  # contacts at rest at their bounds beside those that slide
         ("ended", _INT),  # how the last piece ended
         ("knots", _INT),  # knots at which springs are at its end at instants that depend on the parameters
         ("work", _FLOAT),  # work of the actuators in the ramp [J]
-        ("steady", np.bool_),  # whether pieces of the ramp may be taken as one
+        ("steady", np.bool_),  # whether changes are noted, so that pieces may be taken as one
         ("standing", _INT),  # the only contact at rest, in a segment; -1 without one
         ("element", _INT),  # the element before it, or the one that has the point at rest inside; -1 without one
         ("element_after", _INT),  # the element after it; -1 without one
@@ -124,6 +129,10 @@ class System(NamedTuple):
     """The springs of each contact, in order, shape (2 S,)."""
     band: Band
     """The springs in the order of elimination."""
+    load: np.ndarray
+    """Loads on the balances of ways and of velocities, memory, shape (N, 2) [N]."""
+    motion: np.ndarray
+    """Ways and velocities, memory, shape (N, 2) [m]."""
     kinks: np.ndarray
     """Output: ramp, place and contact, shape (rows, 3); the first row counts."""
     curves: Any
@@ -190,4 +199,4 @@ class Course(NamedTuple):
     elongations: np.ndarray
     """Of the bent springs at the start of each ramp, shape (V, B) [m]."""
     pieces: np.ndarray
-    """From `motion.pieces.follow_pieces`, shape (K, 3 + 2 N)."""
+    """Pieces or changes from `motion.pieces.follow_pieces`, shape (K, 3 + 2 N) or (K, 6)."""

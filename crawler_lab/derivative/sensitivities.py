@@ -25,7 +25,7 @@ from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import check_form, with_loads
-from .grids import RESOLVED, compare_grids, other_grids, tilt
+from .grids import RESOLVED, SIDES, average_grids, compare_sides, other_grids, tilt
 from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
@@ -73,11 +73,11 @@ class Sensitivities:
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, or none as a relaxed start jumps there, bool, shape (P,).
         kinks: where they are.
-        tolerance: on a line 0, as derivatives are exact but for rounding; of segments an estimate of the error of those
-            of the net translation that are not in `unresolved`, and in the plane of those of the displacement that are
+        tolerance: on a line 0, as derivatives are exact but for rounding; of segments a bound of the error of those of
+            the net translation that are not in `unresolved`, and in the plane of those of the displacement that are
             not one-sided, relative to the largest one with respect to the same parameter; NaN where there are none [1].
-        unresolved: parameters with respect to which the derivatives of the net translation are those of the elements,
-            not those of the continuous segments: on other grids they differ by more than a fortieth; bool, shape (P,).
+        unresolved: parameters with respect to which the derivatives of the net translation of a body with segments, the
+            means of several grids, may be off by more than a twentieth; bool, shape (P,).
     """
 
     parameters: tuple[str, ...]
@@ -168,7 +168,7 @@ def sensitivities(
     if scene.dimension == 1:
         travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
         found = _differentiate_on_line(scene, derivatives, tick_ns, travel)
-        return _compare_with_grids(scene, found, keys, tick_ns, travel) if scene.body.segments else found
+        return _average_over_grids(scene, found, keys, tick_ns, travel) if scene.body.segments else found
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
@@ -177,26 +177,31 @@ def sensitivities(
     return dataclasses.replace(fine, tolerance=float(relative.max()) if relative.size else math.nan)
 
 
-def _compare_with_grids(
+def _average_over_grids(
     scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, travel: float
 ) -> Sensitivities:
-    """Compare the derivatives of a body with segments with those on other grids."""
-    differences = np.full(len(found.parameters), math.inf)
+    """Average the derivatives of the net translation of a body with segments over grids."""
+    runs = [found]
     try:
-        others = []
         for grid in other_grids(scene):
             derivatives = differentiate_arrays(grid, keys, "sensitivities")
-            others.append(_differentiate_on_line(grid, derivatives, tick_ns, travel))
+            runs.append(_differentiate_on_line(grid, derivatives, tick_ns, travel))
     except (SceneError, CommandError):  # no derivative exists there
-        pass
-    else:
-        differences = np.maximum(
-            compare_grids(found.net_translation, [other.net_translation for other in others], travel, found.values),
-            compare_grids(found.per_period, [other.per_period for other in others], travel, found.values),
-        )
-    unresolved = differences > RESOLVED
-    tolerance = math.nan if unresolved.all() else float(differences[~unresolved].max())
-    return dataclasses.replace(found, tolerance=tolerance, unresolved=frozen(unresolved, np.bool_))
+        everything = frozen(np.ones(len(found.parameters)), np.bool_)
+        return dataclasses.replace(found, tolerance=math.nan, unresolved=everything)
+    translation, error = average_grids(np.stack([run.net_translation for run in runs]), travel, found.values)
+    gains, error_of_gains = average_grids(np.stack([run.per_period for run in runs]), travel, found.values)
+    error = np.maximum(error, error_of_gains)
+    unresolved = error > RESOLVED
+    shift = translation - found.net_translation
+    return dataclasses.replace(
+        found,
+        displacement=frozen(found.displacement + shift[:, None]),
+        net_translation=frozen(translation),
+        per_period=frozen(gains),
+        tolerance=math.nan if unresolved.all() else float(error[~unresolved].max()),
+        unresolved=frozen(unresolved, np.bool_),
+    )
 
 
 def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
@@ -210,8 +215,8 @@ def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.n
     )
     names = "displacement", "net_translation", "per_period", "work", "period_work"
     mean: dict[str, Any] = {name: frozen(0.5 * (getattr(first, name) + getattr(second, name))) for name in names}
-    differences = compare_grids(first.net_translation, [second.net_translation], travel, found.values)
-    one_sided = first.one_sided | second.one_sided | (differences > RESOLVED)
+    differences = compare_sides(first.net_translation, second.net_translation, travel, found.values)
+    one_sided = first.one_sided | second.one_sided | (differences > SIDES)
     kinks = found.kinks if one_sided.any() else ()
     return dataclasses.replace(found, **mean, one_sided=frozen(one_sided, np.bool_), kinks=kinks)
 

@@ -15,7 +15,7 @@ and as x is continuous there, Dx changes by (v before - v after) Ds*. At a verte
 from __future__ import annotations
 
 from crawler_model.compiled import entry, lean
-from crawler_model.motion.pieces import FROM, HEADER, RAMP, UNTIL
+from crawler_model.motion.pieces import CHANGE, FROM, HEADER, RAMP, UNTIL
 
 from .curves import (
     find_mean_pull,
@@ -30,16 +30,20 @@ from .elimination import eliminate_many
 from .kinks import INSTANT, look_at_bounds, look_at_choice, mark, pass_end
 from .records import FREE, NO_END
 from .standing import begin_standing, end_standing
-from .starts import STILL, TO_THE_END, begin_ways, end_ways, go_on, is_steady, pass_start
+from .starts import TO_THE_END, begin_changed, begin_ways, end_changed, end_ways, pass_starts
+
+_STILL = 1e-12
+"""A velocity below this part of the largest one is rounding."""
 
 
 @lean
-def _find_sliding(contacts, commands, springs, middle):
-    """Find which contacts slide on a piece, and clear the velocities of the others; returns how many slide.
+def _find_sliding(contacts, commands, springs, piece):
+    """Find which contacts slide on a piece, and how far, and let the others rest; returns how many slide.
 
     A contact without friction that rests keeps the direction in which it slid last, as friction would hold it there.
     """
-    n = contacts.shape[0]
+    n, length = contacts.shape[0], piece.until - piece.begin
+    middle = 0.5 * (piece.begin + piece.until)
     fastest = 0.0
     for i in range(n):
         fastest = max(fastest, abs(contacts[i].v))
@@ -50,12 +54,13 @@ def _find_sliding(contacts, commands, springs, middle):
         width = 0.0
         for row in (springs + i, springs + n + i):
             width += commands.start[row] + middle * commands.change[row]
-        if abs(contact.v) > STILL * fastest:
+        if abs(contact.v) > _STILL * fastest:
             contact.sliding = 1 if contact.v > 0.0 else -1
         else:
             contact.v = 0.0
             if width == 0.0:
                 contact.sliding = FREE if before == 0 else before
+        contact.way = length * contact.v
         count += contact.sliding != 0
     return count
 
@@ -171,7 +176,8 @@ def _begin_ramp(system, commands, course, piece, v):
     for c in range(parameters.shape[0]):
         parameters[c].d_work = 0.0
     piece.ramp, piece.until, piece.work = v, 0.0, 0.0
-    piece.steady = is_steady(system, commands)
+    for i in range(system.contacts.shape[0]):
+        system.contacts[i].state = 0
     while piece.next < course.pieces.shape[0] and course.pieces[piece.next, RAMP] < v:
         piece.next += 1  # an instant at the end of the ramp before
 
@@ -180,7 +186,7 @@ def _begin_ramp(system, commands, course, piece, v):
 def _look_at_start(system, derivative, commands, piece):
     """Find the kinks at the very start: a contact at its bound is at one unless it stays there."""
     for i in range(system.contacts.shape[0]):
-        system.contacts[i].sliding = system.contacts[i].arriving = 0
+        system.contacts[i].sliding = system.contacts[i].arriving = system.contacts[i].held = 0
     for f in range(commands.change.shape[0]):
         commands.change[f] = 0.0
     place_bends(system, system.curves, commands, piece)
@@ -211,6 +217,7 @@ def _read_piece(contacts, pieces, piece):
             piece.until = 1.0
         found = piece.until == 1.0 or piece.until - piece.begin >= INSTANT
         for i in range(n):
+            contacts[i].held = 0
             contacts[i].v = pieces[row, HEADER + i]
             contacts[i].arriving = int(pieces[row, HEADER + n + i])
     if found:
@@ -220,7 +227,7 @@ def _read_piece(contacts, pieces, piece):
     piece.until = 1.0
     for i in range(n):
         contacts[i].v = 0.0
-        contacts[i].arriving = 0
+        contacts[i].arriving = contacts[i].held = 0
     return True
 
 
@@ -234,31 +241,49 @@ def _add_work(springs, parameters, derivative, commands, length):
 
 @lean
 def _advance_springs(system, commands, piece, alone):
-    """Advance the tensions to the end of a piece, with the work, and its derivatives if the piece stands alone."""
-    length = piece.until - piece.begin
+    """Advance the tensions to the end of a piece; if it stands alone, with the work and its derivatives."""
+    first = piece.begin if alone else piece.first
+    length = piece.until - first
     for s in range(system.springs.shape[0]):
         spring, change = system.springs[s], commands.change[s]
-        growth = system.contacts[spring.b].v - system.contacts[spring.a].v
+        a, b = system.contacts[spring.a], system.contacts[spring.b]
+        growth, way = b.v - a.v, b.way - a.way
         spring.rate = spring.stiffness * (growth - change)
-        mean = spring.tension + 0.5 * length * spring.rate
+        pull = spring.stiffness * (way - length * change)
+        mean = spring.tension + 0.5 * pull
         if spring.bend >= 0:
             spring.rate = spring.stiffness * growth - spring.command * change
-            mean = find_mean_pull(
-                system, system.curves, commands, s, 0.5 * (piece.begin + piece.until), 0.5 * length * growth
-            )
-            spring.elongation += length * growth
-        piece.work -= mean * change * length
+            pull = spring.stiffness * way - length * spring.command * change
+            mean = find_mean_pull(system, system.curves, commands, s, 0.5 * (first + piece.until), 0.5 * way)
+            spring.elongation += way
+        if alone:
+            piece.work -= mean * change * length
         for c in range(system.parameters.shape[0] if alone else 0):
             system.parameters[c].d_work -= length * mean * (commands.d_end[s, c] - commands.d_start[s, c])
-        spring.tension += length * spring.rate
+        spring.tension += pull
 
 
 @lean
-def _follow_piece(system, derivative, commands, pieces, piece):
+def _balance_all(system, derivative, commands, piece, sliding):
+    """Solve for the derivatives at the end of a piece."""
+    n = system.contacts.shape[0]
+    if sliding == 0:
+        return
+    for i in range(n):
+        for c in range(system.parameters.shape[0]):
+            derivative.earlier[i, c] = derivative.dx[i, c]
+    if sliding == n and piece.element >= 0:
+        _balance_about(system, derivative, commands, piece.element)
+    elif not _balance(system, derivative, commands):
+        _shift_all(system, derivative, piece)
+    look_at_loose(system, system.curves, piece)
+
+
+@lean
+def _follow_piece(system, derivative, commands, pieces, piece, sliding):
     """Carry the derivatives along a piece, or along several at whose events contacts begin to slide."""
     contacts, springs = system.contacts, system.springs
-    n, length = contacts.shape[0], piece.until - piece.begin
-    sliding = _find_sliding(contacts, commands, springs.shape[0], 0.5 * (piece.begin + piece.until))
+    n = contacts.shape[0]
     mixed = pass_end(system, derivative.dx, piece)
     place_bends(system, system.curves, commands, piece)
     _place_commands(commands, piece.begin)
@@ -269,35 +294,22 @@ def _follow_piece(system, derivative, commands, pieces, piece):
     begin_standing(system, derivative, commands, piece, sliding)
     alone = not piece.steady or sliding >= n - 1
     if alone:
-        _add_work(springs, system.parameters, derivative, commands, length)
+        _add_work(springs, system.parameters, derivative, commands, piece.until - piece.begin)
     else:
-        begin_ways(system, derivative)
+        begin_ways(system, derivative, piece)
+    if piece.steady:
+        sliding = pass_starts(system, derivative, commands, pieces, piece, sliding)
+        end_changed(system, commands, piece, sliding)
     _advance_springs(system, commands, piece, alone)
-    if not alone:
-        go_on(contacts, piece)
-        while pass_start(system, derivative, commands, pieces, piece):
-            _advance_springs(system, commands, piece, alone)
-            go_on(contacts, piece)
-        sliding = 0
-        for i in range(n):
-            sliding += contacts[i].sliding != 0
     _place_commands(commands, piece.until)
     _find_own(system, derivative, commands)
-    if sliding > 0:
-        for i in range(n):
-            for c in range(system.parameters.shape[0]):
-                derivative.earlier[i, c] = derivative.dx[i, c]
-        if sliding == n and piece.element >= 0:
-            _balance_about(system, derivative, commands, piece.element)
-        elif not _balance(system, derivative, commands):
-            _shift_all(system, derivative, piece)
-        look_at_loose(system, system.curves, piece)
+    _balance_all(system, derivative, commands, piece, sliding)
     _find_tensions(system, derivative, commands)
     end_standing(system, derivative, commands, piece)
     if alone:
-        _add_work(springs, system.parameters, derivative, commands, length)
+        _add_work(springs, system.parameters, derivative, commands, piece.until - piece.begin)
     else:
-        end_ways(system, derivative, commands)
+        end_ways(system, derivative, commands, piece)
     look_at_knots(
         system, system.curves, derivative, commands, piece, look_at_bounds(system, derivative, commands, piece)
     )
@@ -336,21 +348,27 @@ def follow_tangent(system, derivative, commands, course, pieces, output, samples
         course: a `Course`.
         pieces: PIECE, shape (1,), changed in place.
         output: derivatives of the displacements after each ramp, shape (V, N, P); work of the actuators in each ramp,
-            shape (V,) [J]; its derivatives, shape (V, P).
+            shape (V,) [J]; its derivatives, shape (V, P); velocities at the end of each ramp, shape (V, N) [m].
         samples: whether the displacement at the end of every ramp is a result: it has a kink where a contact reaches
             its bound just there, even if it slides on.
     """
-    d_records, works, d_works = output
+    d_records, works, d_works, speeds = output
     piece = pieces[0]
     columns = system.parameters.shape[0]
-    piece.next = 0
+    piece.next, piece.steady = 0, course.pieces.shape[1] == CHANGE
     for v in range(course.targets.shape[0]):
         _begin_ramp(system, commands, course, piece, v)
         if piece.ended == NO_END:
             _look_at_start(system, derivative, commands, piece)
             _begin_ramp(system, commands, course, piece, v)
-        while piece.until < 1.0 and _read_piece(system.contacts, course.pieces, piece):
-            _follow_piece(system, derivative, commands, course.pieces, piece)
+        while piece.until < 1.0:
+            if piece.steady:
+                sliding = begin_changed(system, commands, course.pieces, piece)
+            elif _read_piece(system.contacts, course.pieces, piece):
+                sliding = _find_sliding(system.contacts, commands, system.springs.shape[0], piece)
+            else:
+                break
+            _follow_piece(system, derivative, commands, course.pieces, piece, sliding)
             _finish_piece(system, piece, samples)
         for f in range(commands.start.shape[0]):
             commands.start[f] = course.targets[v, f]
@@ -361,3 +379,5 @@ def follow_tangent(system, derivative, commands, course, pieces, output, samples
             d_works[v, c] = system.parameters[c].d_work
             for i in range(system.contacts.shape[0]):
                 d_records[v, i, c] = derivative.dx[i, c]
+        for i in range(system.contacts.shape[0]):
+            speeds[v, i] = system.contacts[i].v

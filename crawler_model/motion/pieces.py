@@ -1,6 +1,7 @@
 """The linear pieces of an exact path, noted by the event loops for those who ask for them.
 
-Without rows nothing is noted, and nothing is spent.
+Without rows nothing is noted, and nothing is spent. A piece is a row with the velocities of all contacts. Where most of
+them slide on at an event, the changes of contacts may be noted instead.
 """
 
 from __future__ import annotations
@@ -15,6 +16,11 @@ RAMP, FROM, UNTIL = range(3)
 COUNT = 0
 """Column of the first row: the number of pieces met, which may exceed the rows there are."""
 HEADER = 3
+CHANGED, STATE, REACHES, SPEED = range(2, 6)
+"""Further columns of a change: the contact; its state from there on, 1 or -1 while it slides, 2 or -2 at rest at its
+forward or backward bound, else 0; or, if it reaches bounds there, these as bits; and its velocity then."""
+CHANGE = 6
+"""Number of columns of a change; a piece has more."""
 PIECES_A_RAMP = 16
 """Pieces of a ramp for which there is room at first."""
 
@@ -22,13 +28,19 @@ NO_PIECES = np.zeros((0, 0))
 """For those who do not ask."""
 
 
-def _room_for_pieces(pieces: int, contacts: int) -> np.ndarray:
-    """Allocate the rows for so many pieces at most, shape (pieces + 1, 3 + 2 N)."""
-    return np.zeros((pieces + 1, HEADER + 2 * contacts))
+_CHANGES_A_RAMP = 6
+"""Changes of a contact in a ramp for which there is room at first."""
 
 
 def follow_pieces(
-    motion: Any, state: Any, scratch: Any, targets: np.ndarray, budget: int, account: np.ndarray, records: np.ndarray
+    motion: Any,
+    state: Any,
+    scratch: Any,
+    targets: np.ndarray,
+    budget: int,
+    account: np.ndarray,
+    records: np.ndarray,
+    changes: bool = False,
 ) -> np.ndarray:
     """Follow straight ramps exactly and note their pieces; again with more room if there are more than expected.
 
@@ -40,14 +52,19 @@ def follow_pieces(
         budget: upper limit of work in one ramp.
         account: entries as in `motion.state`, shape (15,), added to.
         records: output, as for `Motion.follow`.
+        changes: whether to note the changes of contacts instead.
 
     Returns:
-        The pieces, shape (K, 3 + 2 N), with the columns RAMP, FROM, UNTIL, velocities and bounds that are reached.
+        The pieces, shape (K, 3 + 2 N), with the columns RAMP, FROM, UNTIL, velocities and bounds that are reached; or
+        the changes, in order, shape (K, 6), with the columns RAMP, FROM, CHANGED, STATE, REACHES and SPEED.
     """
     before, spent = state.copy(), account.copy()
-    room = PIECES_A_RAMP * targets.shape[0] + 64
+    n, room = state.gained.size, PIECES_A_RAMP * targets.shape[0] + 64
+    columns = HEADER + 2 * n
+    if changes:
+        room, columns = room + _CHANGES_A_RAMP * n * targets.shape[0], CHANGE
     while True:
-        pieces = _room_for_pieces(room, state.gained.size)
+        pieces = np.zeros((room + 1, columns))
         motion.follow(state, scratch, targets, True, budget, account, records, pieces)
         met = int(pieces[0, COUNT])
         if met <= room:

@@ -10,13 +10,13 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL
-from ..pieces import COUNT, FROM, HEADER, RAMP, UNTIL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
 from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import leave_border, reach_border, rest_on_border
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
+from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED, WALL
@@ -117,6 +117,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
             if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:
                 held = FORWARD | BACKWARD
         c.leaving = c.at & ~held
+        note_state(model.pieces, ramp, c, e.contact)
         leave_border(c, model.ground, ramp, e.contact)
         schedule_next(contacts, springs, model, ramp, e.contact)
         if ramp.path == 0:
@@ -223,6 +224,7 @@ def _meet(contacts, springs, model, ramp):
         elif c.coming == KNOT:
             count = pass_knots(contacts, springs, model, model.curves, ramp, i, count)
         else:
+            note_arrival(model.pieces, ramp, c, i)
             c.at |= c.coming
             c.v = BEGINS if c.coming == FORWARD else -BEGINS
         schedule(contacts, i, np.inf)
@@ -321,25 +323,6 @@ def _sample_before(contacts, springs, model, ground, ramp):
         sample_margin(contacts, springs, model, model.curves, ramp)
 
 
-@inlined
-def _note_piece(pieces, contacts, ramp, until):
-    """Note a piece of the path, if pieces are asked for: its velocities, and the bounds reached at its end."""
-    if pieces.shape[0] == 0 or until <= ramp.s:
-        return
-    pieces[0, COUNT] += 1.0
-    row = int(pieces[0, COUNT])
-    if row >= pieces.shape[0]:
-        return
-    n = contacts.shape[0]
-    pieces[row, RAMP] = ramp.number
-    pieces[row, FROM] = ramp.s
-    pieces[row, UNTIL] = until
-    for i in range(n):
-        c = contacts[i]
-        pieces[row, HEADER + i] = c.v
-        pieces[row, HEADER + n + i] = c.coming & (FORWARD | BACKWARD) if c.next <= until else 0.0
-
-
 @lean
 def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
@@ -367,7 +350,9 @@ def follow_events(contacts, springs, model, ramp):
         _choose(contacts, springs, model, ground, model.curves, ramp, count)
         ramp.begun, count = 1, 0
         s = contacts[find_earliest(contacts)].next
-        _note_piece(model.pieces, contacts, ramp, min(s, 1.0))
+        note_piece(model.pieces, contacts, ramp, min(s, 1.0))
+        if ramp.shifted:
+            note_all(model.pieces, contacts, ramp)
         if not s < ramp.end:
             ramp.s = ramp.end
             if find_due_at_end(contacts, model.block, ground, ramp):

@@ -39,7 +39,7 @@ def _begin_contacts(contacts, model, ramp, target, springs):
         d_friction += c.d_forward + c.d_backward
         c.since = c.pull = c.force_rate = 0.0
         c.next = np.inf
-        c.leaving = c.side = 0
+        c.leaving = c.side = c.noted = 0
     ramp.span, ramp.friction, ramp.d_friction = span, friction, d_friction
     return changed
 

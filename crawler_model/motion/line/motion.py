@@ -13,7 +13,7 @@ from ...compiled import compiled
 from ...errors import CommandError
 from ..jump import Jump
 from ..margin import visited_margin
-from ..pieces import NO_PIECES
+from ..pieces import CHANGE, NO_PIECES
 from ..state import WORK, dissipated
 from . import build
 from .follow import follow
@@ -224,7 +224,8 @@ class LineMotion:
         ramps, parts = scratch[0], self.memory_for(state, scratch)
         ramps["budget"], ramps["exact"] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
-        memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, None, parts[7])
+        runs = parts[6] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
+        memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, runs, parts[7])
         track, room = self.track, 0
         kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
         while True:

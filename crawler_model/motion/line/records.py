@@ -38,6 +38,7 @@ CONTACT = np.dtype(
         ("side", _BYTE),  # bound that the force moves along until the next event: 1 forward, -1 backward, 0 none
         ("leaving", _BYTE),  # bounds that it leaves as soon as s has increased
         ("coming", _BYTE),  # bound or border that its next event reaches
+        ("noted", _BYTE),  # its state as last noted for those who ask for changes, see `motion.pieces`
         ("listed", _BYTE),  # whether it is among those around which rates change
         ("fallen", _BYTE),  # bounds that the ground does not hold, as bits: they fall to those of the ground in a jump
         ("lost", _FLOAT),  # energy lost in the present jump, beside that lost to friction [J]

@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 
 from crawler_lab import sensitivities, vary
+from crawler_lab.derivative.parameters import differentiate_arrays
+from crawler_lab.derivative.path import Stretch, TangentPath, build_vertices
 from crawler_model import Scene, load_scene, simulate
+from crawler_model.crawler.crawler import default_budget
+from crawler_model.motion.follow import build_motion
+from crawler_model.motion.pieces import follow_pieces
+from crawler_model.motion.state import ACCOUNT_SIZE
 
-from ...model.segments import segment, unequal
+from ...model.segments import segment, unequal, various
 
 _FINE = (397, 419, 443, 467, 491)
 """Meshes whose contacts lie differently: the mean of their errors vanishes to first order."""
@@ -118,6 +124,75 @@ def test_between_two_cells_a_coarse_grid_is_flagged_where_its_sides_differ() -> 
     found = sensitivities(segment(0.2, elements=2), keys, 3.0, 2.0)
     assert found.one_sided.all()
     assert found.kinks
+
+
+@pytest.mark.parametrize("seed", [11, 13, 42, 48])
+def test_derivatives_that_scatter_from_grid_to_grid_are_resolved_by_their_mean(seed: int) -> None:
+    document, _ = unequal(seed)
+    found = sensitivities(_cut(document, 80), _keys(document), None if "period" not in document["drive"] else 2.0, 1.0)
+    assert not found.unresolved.any()
+    assert 0.0 < found.tolerance < 0.05
+
+
+def test_the_derivatives_of_contacts_add_up_to_those_of_the_net_translation() -> None:
+    scene = _cut(unequal(42)[0], 31)
+    found = sensitivities(scene, _keys(unequal(42)[0]), 2.0, 4.0)
+    translation = np.einsum("n,tnp->tp", scene.body.share, found.displacement)
+    np.testing.assert_allclose(translation, found.net_translation, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(np.diff(translation[::4], axis=0), found.per_period, rtol=1e-9, atol=1e-9)
+
+
+def _follow(scene: Scene, keys: list[str], steady: bool, monkeypatch: pytest.MonkeyPatch) -> tuple[Stretch, Any, Any]:
+    """Differentiate two periods; unless steady, from pieces with the velocities of all contacts, one by one."""
+    derivatives = differentiate_arrays(scene, keys, "test")
+    path = TangentPath(scene, derivatives, samples=True)
+    with monkeypatch.context() as patch:
+        if not steady:
+            patch.setattr(TangentPath, "_find_steady", lambda _, vertices: np.zeros(vertices.time_ns.size, np.bool_))
+        stretch = path.follow(build_vertices(scene.drive, derivatives, 0, np.array([400_000_000, 1_000_000_000])))
+    return stretch, path.one_sided.copy(), {(ramp, contact) for ramp, _, contact in path.kinks}
+
+
+def _various(name: str) -> tuple[Scene, list[str]]:
+    """A body by its kind and its seed or number of elements, and numbers of it."""
+    kind, number = name.split()
+    if kind == "even":
+        scene = segment(0.2, elements=int(number), friction={"forward": 0.11, "backward": 0.3})
+        return scene, ["body.segments[0].friction.forward", "body.segments[0].stiffness", "drive.actuation[1][0]"]
+    document = (unequal if kind == "unequal" else various)(int(number))[0]
+    return _cut(document, 25), _keys(document) if kind == "unequal" else [
+        "body.segments[0].stiffness",
+        "drive.actuation",
+    ]
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["even 300", *(f"unequal {seed}" for seed in range(10)), *(f"various {seed}" for seed in range(9) if seed != 7)],
+)
+def test_what_events_change_is_enough_for_the_derivatives(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, keys = _various(name)
+    by_changes, by_pieces = (_follow(scene, keys, steady, monkeypatch) for steady in (True, False))
+    for part in ("dx", "d_work", "work", "speed"):
+        ours, theirs = (np.asarray(getattr(stretch, part)) for stretch in (by_changes[0], by_pieces[0]))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-9 * max(np.abs(theirs).max(), 1e-6))
+    np.testing.assert_array_equal(by_changes[1], by_pieces[1])
+    assert by_changes[2] == by_pieces[2]
+
+
+def test_what_events_change_grows_with_the_number_of_elements() -> None:
+    """The velocities of all contacts at every event would grow with its square."""
+    sizes = []
+    for elements in (150, 300):
+        scene = segment(0.2, elements=elements)
+        motion: Any = build_motion(scene)
+        state = motion.start(scene.start_displacement, scene.drive.targets[0])
+        targets, account = scene.drive.targets[1:].copy(), np.zeros(ACCOUNT_SIZE)
+        records = np.empty((len(targets), 2 * scene.body.contacts + scene.body.springs))
+        budget = default_budget(scene.body)
+        sizes.append(follow_pieces(motion, state, motion.scratch(), targets, budget, account, records, True).size)
+    assert sizes[0] > 150
+    assert sizes[1] <= 2.2 * sizes[0]
 
 
 def test_derivatives_that_the_elements_do_not_resolve_are_flagged() -> None:
