@@ -16,6 +16,7 @@ from crawler_command.view import read_frames
 from crawler_model import Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_ros.recording.bag import BagError
+from crawler_ros.replay import analysis
 from crawler_ros.replay.analysis import analyse
 from crawler_ros.viewer.frames import FRAME_EVERY_NS, frames_of_recording, thin
 from crawler_ros.viewer.visualizer import draw_recording
@@ -77,6 +78,21 @@ def test_every_run_between_resets_is_drawn_with_its_jumps(tmp_path):
     times = [[jump.time for f in frames for jump in f.jumps] for frames in (again, shown)]
     assert len(times[0]) == 4
     assert times[0] == pytest.approx(times[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("namespace", [None, "/left"])
+def test_the_robot_that_recorded_is_simulated_again_for_its_jumps(namespace, tmp_path, monkeypatch):
+    scene = icy()
+    topics = {name: f"/left/{name}" for name in ("joint_states", "contact_states", "pose", "applied_commands")}
+    noted = attachments(scene) | {"node": "/left/crawler", "topics": topics}
+    bag = write(tmp_path / "bag", messages(scene, play(scene, 0, 10**9)), noted, "/left/")
+
+    def stop(path: Path, scene: Scene, robot: str | None, sinks: list) -> None:
+        raise RuntimeError(f"analysed: {robot}")
+
+    monkeypatch.setattr(analysis, "analyse", stop)
+    with pytest.raises(RuntimeError, match="analysed: /left"):
+        read_frames(bag, None, namespace)
 
 
 def test_films_views_and_rrd_files_show_every_tick(tmp_path, monkeypatch):

@@ -271,3 +271,13 @@ def test_bytes_that_are_no_message_are_named_with_their_file(tmp_path, recorded)
     assert str(error.value).startswith(
         f"{path}: /joint_states: a message of 30 bytes is not a sensor_msgs/msg/JointState"
     )
+
+
+def test_parts_are_in_the_order_in_which_they_are_listed_else_in_that_of_their_numbers(tmp_path):
+    names = [f"run_{k}.mcap" for k in (0, 1, 2, 10)]
+    for name in names:
+        (tmp_path / name).touch()
+    assert [file.name for file in bag_files.find_files(tmp_path)] == names
+    listed = {"relative_file_paths": names[::-1], "files": [{"path": name, "message_count": 0} for name in names[::-1]]}
+    (tmp_path / "metadata.yaml").write_text(json.dumps({"rosbag2_bagfile_information": {"version": 9} | listed}))
+    assert [file.name for file in bag_files.find_files(tmp_path)] == names[::-1]

@@ -315,6 +315,13 @@ def test_two_robots_are_told_apart(tmp_path):
         analyse(bag_path, None, "middle")
 
 
+def test_a_robot_that_was_noted_under_other_names_is_found_by_those_that_were_recorded(tmp_path):
+    scene = load_scene("two_anchor_a")
+    noted = {"node": "/left/crawler", "topics": {name: f"/left/{name}" for name in (*STATES, "applied_commands")}}
+    path = write(tmp_path / "a", messages(scene, play(scene, 0, NS)), attachments(scene) | noted)
+    assert analyse(path).comparison.identical
+
+
 def test_all_channels_of_a_topic_are_read_where_the_scene_is_unknown(tmp_path):
     scene = load_scene("three_contacts_one_way")
     sent = list(messages(scene, play(scene, 0, 2 * NS)))

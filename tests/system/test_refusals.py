@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crawler_lab import Posterior, excite, identify, optimise, pareto, sensitivities, vary
+from crawler_lab import Posterior, excite, identify, optimise, pareto, predict, sensitivities, vary
 from crawler_lab.identify.measurements import MeasurementError, Measurements
 from crawler_lab.play.session import Session
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError, limit_cycle
@@ -148,6 +148,11 @@ REFUSED = [
         lambda: Session(pair()).change({"mode": "scene"}),
         CommandError,
         "mode: scene; pair has no drive, use hand or wave",
+    ),
+    (
+        lambda: predict(pair(**DRIVE), Posterior(("friction.isotropic",), [1.0], np.eye(1)), pair()),
+        SceneError,
+        "predict: pair has no drive; without one nothing moves",
     ),
     (lambda: environments().step(np.zeros((2, 1))), CrawlerError, "step: no episode has begun; call reset first"),
     (
