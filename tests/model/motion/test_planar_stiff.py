@@ -11,6 +11,7 @@ from crawler_model import CommandError, Crawler, Scene, load_scene
 from crawler_model.motion.plane import motion
 
 from ..planar_ramps import stiff, stiff_error
+from ..planar_reference import Reference
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 2e-7])
@@ -19,6 +20,27 @@ def test_forces_of_stiff_springs_settle_within_the_tolerance(loaded, tolerance):
     """One step over all of that is wrong by a translation, which steps of any length have in common."""
     for seed in range(60):
         assert stiff_error(seed, loaded, tolerance) < 1.0 / 3.0, seed
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("seed", [2, 6, 8, 12])
+def test_stiff_ramps_lead_to_where_rates_do(seed, loaded):
+    """Another method: rates by least squares, integrated by scipy through the transients. Each body was once off by 1.5."""
+    document = stiff(seed, loaded)
+    strokes, mu = np.array(document["drive"]["actuation"]), np.array(document["friction"]["isotropic"])
+    links = document["body"]["links"]
+    reference = Reference(links["between"], np.full(strokes.shape[1], links["stiffness"]), mu[:, None])
+    reference.ramp(strokes[0], None, document.get("loads", np.zeros((mu.size, 2))))
+    tolerances = (1e-4, 1e-6, 2e-7)
+    crawlers = [Crawler(Scene.model_validate(document | {"tolerance": tolerance})) for tolerance in tolerances]
+    for count, stroke in enumerate(strokes[1:], 1):
+        place = reference.ramp(stroke)
+        force = reference.force(reference.x, reference.length, reference.load)
+        assert (np.hypot(*force.T) < mu * (1.0 + 1e-7)).all()
+        for crawler, tolerance in zip(crawlers, tolerances, strict=True):
+            crawler.advance(stroke)
+            off = np.abs(crawler.displacement - place).max() / (count * tolerance * np.ptp(strokes, axis=0).max())
+            assert off < 0.01, (count, tolerance)
 
 
 def bodies() -> dict[str, dict[str, Any]]:
