@@ -315,8 +315,8 @@ def _solve_blocks(contacts, springs, model, ramp, count):
 
 @lean
 def _sample_before(contacts, springs, model, ground, ramp):
-    """Update the visited margin before contacts cross borders, which changes their bounds at once."""
-    if ground is None:
+    """Update the visited margin before borders change bounds at once, and before springs that are flat may no longer be."""
+    if ground is None and model.curves is None:
         return
     begin_parts(contacts, springs, model, model.curves, ramp)
     while next_part(model.block, model.curves, ramp, contacts.shape[0]):

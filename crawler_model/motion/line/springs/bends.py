@@ -334,7 +334,10 @@ def find_knot(contacts, spring, curves, ramp):
     first, turning = find_turn(curves.sliders, bend, z, stretch, first)
     if turning >= 0:
         bend.coming = TURN + turning
-    if (rate == 0.0) != (stretch == 0.0) and first > 0.0 and spring.stiffness > 0.0:
+    together = change == 0.0 and abs(stretch) < NOISE * abs(contacts[spring.a].v)
+    if together:
+        rate = stretch = 0.0
+    if (together or (rate == 0.0) != (stretch == 0.0)) and first > 0.0 and spring.stiffness > 0.0:
         way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
         if way != 0 and bend.yielded != ramp.s:
             first, bend.coming, bend.yields = 0.0, way, 1
