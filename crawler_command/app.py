@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
+import tempfile
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -162,7 +164,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
-        print(f"crawler: {' '.join(str(error).split())}", file=sys.stderr)
+        more = ""
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+            more = f"; if it is the disk of the temporary folder {tempfile.gettempdir()}, name another with TMPDIR"
+        print(f"crawler: {' '.join(str(error).split())}{more}", file=sys.stderr)
         status = 1
     except MemoryError:
         print("crawler: out of memory; free some, or raise the limit (ulimit -v)", file=sys.stderr)

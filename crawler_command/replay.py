@@ -19,6 +19,7 @@ from .screen import (
     SceneOption,
     TwoColumnsOption,
     check_output,
+    named_errors,
     progress_bar,
     require,
     screen,
@@ -218,7 +219,7 @@ class _Outputs:
             from crawler_ros.replay.show.tables import TableWriter
 
             self._tables = TableWriter(self._parquet, scene)
-            sinks.append(self._tables)
+            sinks.append(named_errors(self._parquet)(self._tables))
         if self._png is not None:
             from crawler_ros.replay.show.samples import Samples
 
@@ -238,8 +239,10 @@ class _Outputs:
     def write(self, found: Any) -> list[str]:
         """Finish the files; return a line for each."""
         written = []
-        if self._tables is not None:
-            written.append(f"written: {', '.join(self._tables.finish(found))} in {self._parquet}")
+        if self._tables is not None and self._parquet is not None:
+            with named_errors(self._parquet):
+                names = self._tables.finish(found)
+            written.append(f"written: {', '.join(names)} in {self._parquet}")
         if self._samples is not None and self._png is not None:
             from crawler_ros.replay.show.page import draw_replay
 
@@ -247,6 +250,7 @@ class _Outputs:
                 draw_replay(found, self._samples, part, self._two_columns)
             written.append(f"drawn: {self._png}")
         if self._rrd is not None:
-            _draw_rrd(found.path, self._rrd, found, self._ticks)
+            with whole_file(self._rrd) as part:
+                _draw_rrd(found.path, part, found, self._ticks)
             written.append(f"drawn: {self._rrd}")
         return written

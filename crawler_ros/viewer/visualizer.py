@@ -124,7 +124,14 @@ def find_extent(scene: Scene, frames: Sequence[Frame]) -> Extent | None:
 
 def to_file(path: Path) -> Callable[[Any], None]:
     """Send a recording stream to an .rrd file."""
-    return lambda stream: stream.save(str(path))
+
+    def save(stream: Any) -> None:
+        try:
+            stream.save(str(path))
+        except RuntimeError as error:  # as of a full disk
+            raise OSError(str(error)) from None
+
+    return save
 
 
 def to_viewer(url: str) -> Callable[[Any], None]:

@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,9 +14,10 @@ import pytest
 import yaml
 
 from crawler_command.screen import whole_file
-from crawler_model import CrawlerError, load_scene
+from crawler_model import CrawlerError, load_scene, prepare
 
 from ..commands import crawler
+from ..recordings import record
 
 ROOM = 2048
 """Bytes of a file on a disk that is nearly full."""
@@ -48,6 +50,7 @@ def test_on_a_disk_that_becomes_full_the_error_names_the_file(tmp_path, words):
     pytest.importorskip("matplotlib")
     given = [word.format(tmp_path) for word in words]
     (file,) = (word for word in given if word.startswith(str(tmp_path)))
+    prepare(load_scene("two_anchor_a"))  # or its kernels would not fit, either
     with nearly_full():
         done = crawler(*given)
     assert done.returncode == 1
@@ -78,6 +81,31 @@ def test_on_a_full_disk_the_error_names_the_file(full, name):
         f"crawler: {full / name}: cannot be written: No space left on device\n",
     )
     assert [file.name for file in full.iterdir()] == ["rest"]
+
+
+@pytest.mark.parametrize("option", ["--rrd", "--parquet", "--png"])
+def test_what_replay_writes_to_a_full_disk_is_named(full, tmp_path, option):
+    for library in ("rerun", "pyarrow", "matplotlib"):
+        pytest.importorskip(library)
+    recording = record(tmp_path / "bag", "two_anchor_a", 1.0)
+    out = full / ("tables" if option == "--parquet" else f"x.{option[2:]}")
+    done = crawler("replay", recording, option, out)
+    assert done.returncode == 1
+    last = done.stderr.splitlines()[-1]  # the first start compiles kernels, with a line about it
+    assert last.startswith(f"crawler: {out}")
+    assert "No space left on device" in last
+    assert [file.name for file in full.iterdir() if not file.is_dir()] == ["rest"]
+
+
+def test_a_full_temporary_disk_is_named(full, tmp_path, monkeypatch):
+    zstandard = pytest.importorskip("zstandard")
+    (part,) = record(tmp_path / "bag", "two_anchor_a", 1.0).glob("*.mcap")
+    packed = tmp_path / "packed.mcap"
+    packed.write_bytes(zstandard.compress(part.read_bytes()))
+    monkeypatch.setattr(tempfile, "tempdir", str(full))
+    done = crawler("replay", packed)
+    assert done.returncode == 1
+    assert f"if it is the disk of the temporary folder {full}, name another with TMPDIR\n" in done.stderr
 
 
 def test_an_error_of_another_file_names_that_one(tmp_path):
