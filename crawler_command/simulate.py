@@ -13,6 +13,7 @@ from rich.table import Column, Table
 
 from crawler_model import CrawlerError
 from crawler_model.run.ticks import RATE
+from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.numbers import error_of, write_energy, write_length
 
 from .screen import (
@@ -233,10 +234,7 @@ def _print_account(run: Trajectory) -> None:
     if run.inertia is not None:
         screen.print(run.inertia.describe(run.scene.body))
     if not run.unique:
-        screen.print(
-            "[yellow]not unique:[/] in some interval the translation was not determined; "
-            "the one nearest to zero was taken"
-        )
+        screen.print(f"[yellow]not unique:[/] in some interval {UNDETERMINED}")
     if run.overspent:
         screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; catch-up steps completed them")
     if run.unsolved:

@@ -145,7 +145,19 @@ def build_spec(
     spans = find_spans(loaded, actions, checked, ranges, float(ratio), steps, feet)
     force = float(supporting_force(loaded))
     per_joule = price / force if force > 0.0 else 0.0
-    return Spec(loaded, checked, actions, spans, ranges, ratio, steps, per_joule, stroke, friction, per_stroke)
+    return Spec(
+        scene=loaded,
+        task=checked,
+        actions=actions,
+        spans=spans,
+        ranges=ranges,
+        rate=ratio,
+        steps=steps,
+        price=per_joule,
+        stroke=stroke,
+        friction=friction,
+        steps_per_stroke=per_stroke,
+    )
 
 
 def list_settings() -> list[str]:

@@ -25,7 +25,7 @@ _OF_SCORE = ("residual", "coverage", "size", "gain_error")
 """Numbers of a score that are printed."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Identification:
     """The result of an identification.
 

@@ -27,7 +27,7 @@ from .judge.explain import explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.sensors import judge_sensors
-from .judge.verdicts import ENDED, Parameter, Structure, find_covariance, find_structure, judge
+from .judge.verdicts import Parameter, Structure, find_covariance, find_structure, judge
 from .measurements import MeasurementError, Measurements, are_reversed, check_measurements
 from .replica.playback import replay_scene
 from .replica.replica import Replica
@@ -228,26 +228,26 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     known[count:, count:] += scatter
     posterior = collect_posterior(plain, known, freedom)
     return Identification(
-        posterior.apply(scene),
-        tuple(remark(p, explanations) for p in parameters),
-        sensors,
-        float(np.sqrt(np.mean(used**2))),
-        float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
-        None if score is None else score.residual,
-        score,
-        where is None,
-        where,
-        misfits,
-        tuple(explanations),
-        tuple(_warn(scene, problem, fit, parameters, where)),
-        tuple(r.measured for r in problem.replicas),
-        fit.residuals.all,
-        problem.rows,
-        tuple(design[0, :, :offsets] @ own[:offsets] for design, offsets, own in added),
-        tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
-        noises,
-        posterior,
-        fit.interrupted,
+        scene=posterior.apply(scene),
+        parameters=tuple(remark(p, explanations) for p in parameters),
+        sensors=sensors,
+        residual=float(np.sqrt(np.mean(used**2))),
+        noise=float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
+        held_out=None if score is None else score.residual,
+        score=score,
+        model_fits=where is None,
+        where=where,
+        misfits=misfits,
+        explanations=tuple(explanations),
+        warnings=tuple(_warn(scene, problem, fit, parameters, where)),
+        recordings=tuple(r.measured for r in problem.replicas),
+        residuals=fit.residuals.all,
+        fitted=problem.rows,
+        offsets=tuple(design[0, :, :offsets] @ own[:offsets] for design, offsets, own in added),
+        drifts=tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
+        noises=noises,
+        posterior=posterior,
+        interrupted=fit.interrupted,
     )
 
 
@@ -275,7 +275,7 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
     warnings += [
         f"{p.name} ended at its bound {p.value:.6g}; widen it with bounds if it may lie beyond"
         for p in parameters
-        if ENDED in p.why
+        if p.ended
     ]
     if where is None:
         return warnings

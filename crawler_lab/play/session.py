@@ -80,16 +80,16 @@ class Session:
         self.crawler = Crawler(scene)
         state = np.zeros(scene.body.contacts, np.int8)
         first = Tick(
-            self.settings,
-            Clock(),
-            np.zeros(0, np.int64),
-            row[None],
-            row,
-            state,
-            np.zeros(3),
-            self.crawler.net_translation,
-            True,
-            (),
+            settings=self.settings,
+            clock=Clock(),
+            ends_ns=np.zeros(0, np.int64),
+            rows=row[None],
+            base=row,
+            state=state,
+            spent=np.zeros(3),
+            net=self.crawler.net_translation,
+            unique=True,
+            jumps=(),
         )
         self.ticks = [first]
         self.now = 0
@@ -147,16 +147,16 @@ class Session:
         spent = self.tick.spent + np.array([step.work, step.dissipation, step.jump_loss])
         self.ticks.append(
             Tick(
-                self.settings,
-                clock,
-                ends,
-                rows,
-                base[-1],
-                state,
-                spent,
-                self.crawler.net_translation,
-                step.unique,
-                step.jumps,
+                settings=self.settings,
+                clock=clock,
+                ends_ns=ends,
+                rows=rows,
+                base=base[-1],
+                state=state,
+                spent=spent,
+                net=self.crawler.net_translation,
+                unique=step.unique,
+                jumps=step.jumps,
             )
         )
         self.now += 1

@@ -12,6 +12,7 @@ from crawler_model import Scene
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.motion.jump import Jump
 from crawler_model.theory.stasis import StasisDomain, stasis_bounds
+from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.ground import has_stasis_bounds, list_sections, local_bounds
 
 MOST_SHOWN = 200
@@ -149,7 +150,7 @@ class View:
             why = "as the body buckles" if jump.border is None else "onto ground that holds less"
             parts.append(f"contact {self._names[jump.contact]} jumps by {jump.distance:.3g} m {why}")
         if not unique:
-            parts.append("friction balances: the translation is not determined, and the smallest one is chosen")
+            parts.append(UNDETERMINED)
         return "; ".join(parts) or "nothing moves"
 
     def _side(self, instant: Instant, contact: int) -> str:

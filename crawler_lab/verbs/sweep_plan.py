@@ -18,6 +18,7 @@ from pyarrow import parquet
 from crawler_command.many.units import unit_of
 from crawler_command.screen import check_output, whole_file
 from crawler_model import CrawlerError, Scene
+from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_ros.recording.attachments import installed_version
 
 from ..pictures.sweep import shown_gain
@@ -304,9 +305,7 @@ def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
         along = " along x" if sweep.variations.base.dimension == 2 and name != "dx" else ""
         lines.append(f"largest {words[name]}{along}: {about['best'][name]:.6g} m at {at}")
     if about["not_unique"]:
-        lines.append(
-            f"{about['not_unique']} of them are not unique: in some interval the translation was not determined"
-        )
+        lines.append(f"{about['not_unique']} of them are not unique: in some interval {UNDETERMINED}")
     first = next((reason for reason in runs.reason if reason), None)
     if first is not None:
         lines.append(f"first invalid variation: {first}")

@@ -227,11 +227,11 @@ class _Periods:
         gain = self.gains[-1]
         left = self.transient_left()
         return LimitCycle(
-            frozen(gain) if gain.ndim else float(gain),
-            self.work,
-            left,
-            left <= tolerance * self.travel,
-            self.ratio(),
-            self.count,
-            frozen(self.gains),
+            gain=frozen(gain) if gain.ndim else float(gain),
+            work=self.work,
+            transient_left=left,
+            settled=left <= tolerance * self.travel,
+            ratio=self.ratio(),
+            periods=self.count,
+            gains=frozen(self.gains),
         )

@@ -16,7 +16,7 @@ MOST_FRAMES = 20_000
 """More frames are refused: at 25 a second they are a film of 13 minutes."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Film:
     """A run at F instants, of N contacts and J springs that are drawn.
 
@@ -137,18 +137,18 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
         forward, backward = (np.array(side) for side in zip(*bounds, strict=True))
     names = tuple(name.removeprefix("contact_") for name in name_every_contact(body))
     return Film(
-        scene,
-        names,
-        body.position,
-        body.ends,
-        body.share,
-        run.time,
-        run.displacement,
-        run.contact_state,
-        tension,
-        forward,
-        backward,
-        yields,
+        scene=scene,
+        names=names,
+        rest=body.position,
+        ends=body.ends,
+        share=body.share,
+        time=run.time,
+        displacement=run.displacement,
+        state=run.contact_state,
+        tension=tension,
+        forward=forward,
+        backward=backward,
+        yields=yields,
     )
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from crawler_model.body.drive import NS
 from crawler_model.run.orientation import shape_orientation
+from crawler_model.theory.uniqueness import UNDETERMINED
 
+from ..wire.facts import REFUSED_ON, Fact, Refusal
 from .intake.peers import LENGTH_TOPICS, publishers_of, rivals_on_commands, rivals_on_states
 
 if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
@@ -27,16 +29,38 @@ if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]
-Part = tuple[int, str, list[tuple[str, str]]]
+Entries = list[tuple[str, str]]
+"""Keys, of which those with a stable meaning are a `Fact`, and values."""
+Part = tuple[int, str, Entries]
 """Level, message and key-value pairs of one part of the node."""
+
+
+class TickCounts(NamedTuple):
+    """Counts that were last reported, as those of the run are named in `Counts`, and late ticks."""
+
+    ambiguous: int = 0
+    overspent: int = 0
+    unsolved: int = 0
+    late: int = 0
+    jumps: int = 0
+
+
+class CommandCounts(NamedTuple):
+    """Counts that were last reported: messages refused, lost and without room, rows dropped, ticks refused."""
+
+    refused: int = 0
+    lost: int = 0
+    full: int = 0
+    dropped: int = 0
+    ticks: int = 0
 
 
 class Diagnosed(Protocol):
     """The part of a simulator that its diagnostics read: its state, its counts, and the counts last reported."""
 
     counts: Counts
-    reported: tuple[int, int, int, int, int]
-    reported_commands: tuple[int, int, int, int, int]
+    reported: TickCounts
+    reported_commands: CommandCounts
     certificates: Certificates
     commands: CommandQueue
     crawler: Crawler
@@ -92,40 +116,34 @@ def diagnose(node: Diagnosed) -> list[Status]:
     return [(level, f"{me}: {part}", text, hardware, entries) for part, (level, text, entries) in parts.items()]
 
 
-def _jumps_and_refusals(node: Diagnosed) -> list[tuple[str, str]]:
-    """Count jumps where the ground changes with place, and refused ticks there or where springs go slack."""
-    patched, counts = node.scene.ground.track is not None, {}
-    if patched:
-        counts["jumps on patches of ground"] = node.counts.jumps
-    if patched or node.scene.body.has_flat_springs:
-        counts["ticks refused because nothing would hold the body"] = node.counts.unheld
-    return [(key, str(count)) for key, count in counts.items()]
+def _jumps(node: Diagnosed) -> list[tuple[Fact, str]]:
+    """Write the jumps where the ground changes with place, and those of bodies that turn and lose their stability."""
+    if node.scene.ground.track is None and node.scene.body.turning is None:
+        return []
+    return [(Fact.JUMPS, str(node.counts.jumps)), (Fact.JUMP_LOSS, f"{node.counts.jump_loss:.3e}")]
 
 
-def _orientation(node: Diagnosed) -> list[tuple[str, str]]:
+def _orientation(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write the orientation of a shape in the plane; if springs are vectors, that of the pose is the identity."""
     if node.scene.body.dimension == 1:
         return []
     if node.scene.body.turning is not None:
-        return [("yaw [rad]", f"{node.crawler.yaw:.6g}")]
+        return [(Fact.YAW, f"{node.crawler.yaw:.6g}")]
     angle = float(shape_orientation(node.scene.body.position, node.crawler.displacement))
-    return [("orientation of the shape [rad]", f"{angle:.6g}")]
+    return [(Fact.ORIENTATION, f"{angle:.6g}")]
 
 
-def _stability(node: Diagnosed) -> list[tuple[str, str]]:
-    """Write how stable a body that turns is, and how often it jumped; below 0 a small deviation grows."""
+def _stability(node: Diagnosed) -> list[tuple[Fact, str]]:
+    """Write how stable a body that turns is; below 0 a small deviation grows."""
     if node.scene.body.turning is None:
         return []
     return [
-        ("stability margin", f"{node.crawler.stability_margin:.6g}"),
-        ("least stability margin", f"{node.counts.stability:.6g}"),
-        ("jumps where stability was lost", str(node.counts.jumps)),
-        ("energy lost in jumps [J]", f"{node.counts.jump_loss:.3e}"),
-        ("ticks refused because no stable equilibrium was found", str(node.counts.unheld)),
+        (Fact.STABILITY, f"{node.crawler.stability_margin:.6g}"),
+        (Fact.LEAST_STABILITY, f"{node.counts.stability:.6g}"),
     ]
 
 
-def _inertia(node: Diagnosed) -> list[tuple[str, str]]:
+def _inertia(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write the largest inertia number since the start or the last reset, if the scene has masses or weights."""
     if node.inertia is None:
         return []
@@ -137,41 +155,38 @@ def _inertia(node: Diagnosed) -> list[tuple[str, str]]:
     if found.deviation is not None:
         means = f"{found.deviation[0]:.3e} (well damped) to {found.deviation[1]:.3e} (undamped)"
     return [
-        ("inertia number", f"{found.number:.6g}"),
-        ("inertia number found", where),
-        ("relative deviation of the gain by inertia", means),
+        (Fact.INERTIA, f"{found.number:.6g}"),
+        (Fact.INERTIA_FOUND, where),
+        (Fact.INERTIA_DEVIATION, means),
     ]
 
 
-def _pace(node: Diagnosed) -> list[tuple[str, str]]:
+def _pace(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write how fast simulated time passes and how far it lags; in lock-step no clock sets a pace."""
     if node.lock_step:
         return []
     wall_ns = time.monotonic_ns()
     return [
-        ("real-time factor achieved", f"{node.stepper.achieved_factor(wall_ns):.6f}"),
-        ("lag [s]", f"{node.stepper.lag_ns(wall_ns) / NS:.6f}"),
+        (Fact.FACTOR, f"{node.stepper.achieved_factor(wall_ns):.6f}"),
+        (Fact.LAG, f"{node.stepper.lag_ns(wall_ns) / NS:.6f}"),
     ]
 
 
-def _late_times(stepper: Stepper) -> list[tuple[str, str]]:
+def _late_times(stepper: Stepper) -> list[tuple[Fact, str]]:
     """Write when ticks were late, and the worst delay."""
     if stepper.late == 0:
         return []
     return [
-        ("first late tick at [s]", f"{stepper.first_late_ns / NS:.9f}"),
-        ("worst late tick at [s]", f"{stepper.worst_late_ns / NS:.9f}"),
-        ("worst late tick by [s]", f"{stepper.worst_delay_ns / NS:.9f}"),
+        (Fact.FIRST_LATE, f"{stepper.first_late_ns / NS:.9f}"),
+        (Fact.WORST_LATE, f"{stepper.worst_late_ns / NS:.9f}"),
+        (Fact.WORST_DELAY, f"{stepper.worst_delay_ns / NS:.9f}"),
     ]
 
 
-def _reasons(intake: Intake) -> list[tuple[str, str]]:
-    """Write how many messages were refused for each reason, and when: replay reads these entries."""
+def _reasons(intake: Intake) -> Entries:
+    """Write how many messages were refused for each reason, and when."""
     return [
-        (
-            f"refused on {reason.topic}: {reason.why}",
-            f"{reason.count}, first at {reason.first_ns / NS:.9f} s, last at {reason.last_ns / NS:.9f} s",
-        )
+        Refusal(reason.topic, reason.why, reason.count, reason.first_ns / NS, reason.last_ns / NS).entry()
         for reason in intake.refusals.reasons
     ]
 
@@ -179,19 +194,20 @@ def _reasons(intake: Intake) -> list[tuple[str, str]]:
 def _simulation(node: Diagnosed, rival: str) -> Part:
     late, counts = node.stepper.late, node.counts
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
-    before, node.reported = node.reported, (counts.ambiguous, counts.overspent, counts.unsolved, late, counts.jumps)
+    before = node.reported
+    node.reported = TickCounts(counts.ambiguous, counts.overspent, counts.unsolved, late, counts.jumps)
     finite, inaccurate = node.certificates.judge()
-    if late > before[3]:
+    if late > before.late:
         level = WARN
-        message = f"{late - before[3]} late tick(s): this machine cannot maintain the rate; simulated time lags"
-    if node.scene.body.turning is not None and counts.jumps > before[4]:
-        message = f"{counts.jumps - before[4]} jump(s) where stability was lost; where they end is a choice"
+        message = f"{late - before.late} late tick(s): this machine cannot maintain the rate; simulated time lags"
+    if node.scene.body.turning is not None and counts.jumps > before.jumps:
+        message = f"{counts.jumps - before.jumps} jump(s) where stability was lost; where they end is a choice"
         level = WARN
-    if counts.ambiguous > before[0]:
-        level, message = WARN, "the translation was not determined in some ticks; the one nearest to zero was taken"
-    if counts.overspent > before[1]:
+    if counts.ambiguous > before.ambiguous:
+        level, message = WARN, f"in some ticks {UNDETERMINED}"
+    if counts.overspent > before.overspent:
         level, message = WARN, "some ticks exceeded the budget of work; catch-up steps completed them"
-    if counts.unsolved > before[2]:
+    if counts.unsolved > before.unsolved:
         level, message = WARN, "some ticks were not solved; see the largest violation"
     if inaccurate:
         level, message = WARN if finite else ERROR, inaccurate
@@ -203,43 +219,43 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
         level,
         message,
         [
-            ("simulated time [s]", f"{node.stepper.now_ns / NS:.9f}"),
-            ("ticks", str(node.stepper.tick)),
-            ("late ticks", str(late)),
+            (Fact.SIMULATED_TIME, f"{node.stepper.now_ns / NS:.9f}"),
+            (Fact.TICKS, str(node.stepper.tick)),
+            (Fact.LATE_TICKS, str(late)),
             *_pace(node),
             *_late_times(node.stepper),
-            ("least friction of the scene", f"{node.regularity.least:.3e} ({node.regularity.where})"),
-            ("uniqueness margin", "not decided" if node.margin is None else f"{node.margin:.3e}"),
-            ("visited margin", f"{node.crawler.visited_margin:.3e}"),
-            ("ticks without a determined translation", str(counts.ambiguous)),
-            ("ticks over the budget of work", str(counts.overspent)),
-            ("ticks not solved", str(counts.unsolved)),
+            (Fact.LEAST_FRICTION, f"{node.regularity.least:.3e} ({node.regularity.where})"),
+            (Fact.MARGIN, "not decided" if node.margin is None else f"{node.margin:.3e}"),
+            (Fact.VISITED_MARGIN, f"{node.crawler.visited_margin:.3e}"),
+            (Fact.AMBIGUOUS, str(counts.ambiguous)),
+            (Fact.OVERSPENT, str(counts.overspent)),
+            (Fact.UNSOLVED, str(counts.unsolved)),
             *_orientation(node),
-            *_jumps_and_refusals(node),
+            *_jumps(node),
             *_stability(node),
             *_inertia(node),
-            ("largest energy residual of a tick [J]", residual),
-            ("largest violation of a bound [N]", violation),
-            ("largest complementarity [J]", complementarity),
+            (Fact.RESIDUAL, residual),
+            (Fact.VIOLATION, violation),
+            (Fact.COMPLEMENTARITY, complementarity),
         ],
     )
 
 
 def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
-    now = refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld
+    now = CommandCounts(refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld)
     before, node.reported_commands = node.reported_commands, now
     level, news = OK, []
     unheld = "no equilibrium holds their loads"
     if node.scene.body.turning is not None:
         frictions = "the frictions of a point do not fit together"
         unheld = f"{unheld}, or {frictions}" if node.scene.columns.loads else frictions
-    if node.counts.unheld > before[4]:
-        news.append(f"the commands of {node.counts.unheld - before[4]} tick(s) refused")
-    if node.commands.unheld > before[3]:
-        news.append(f"{node.commands.unheld - before[3]} row(s) dropped: {unheld}")
-    if intake.lost > before[1]:
-        news.append(f"{intake.lost - before[1]} message(s) lost: they arrived faster than they could be read")
+    if now.ticks > before.ticks:
+        news.append(f"the commands of {now.ticks - before.ticks} tick(s) refused")
+    if now.dropped > before.dropped:
+        news.append(f"{now.dropped - before.dropped} row(s) dropped: {unheld}")
+    if now.lost > before.lost:
+        news.append(f"{now.lost - before.lost} message(s) lost: they arrived faster than they could be read")
     rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
     if rival:
         news.append(rival)
@@ -253,15 +269,15 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         level,
         "; ".join(news) or "all accepted",
         [
-            ("refused", str(refused)),
-            ("refused because the queue was full", str(node.commands.full)),
-            (f"dropped because {unheld}", str(node.commands.unheld)),
-            ("ticks refused", str(node.counts.unheld)),
-            ("lost", str(intake.lost)),
-            ("rows waiting", f"{node.commands.waiting} of {node.commands.most_waiting}"),
+            (Fact.REFUSED, str(refused)),
+            (Fact.FULL, str(node.commands.full)),
+            (Fact.ROWS_DROPPED, str(node.commands.unheld)),
+            (Fact.TICKS_REFUSED, str(node.counts.unheld)),
+            (Fact.LOST, str(intake.lost)),
+            (Fact.WAITING, f"{node.commands.waiting} of {node.commands.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),
             *((f"lost on {name}", str(a.lost)) for name, a in intake.arrivals.items() if a.lost),
-            *((f"refused on {name}", str(count)) for name, count in sorted(counts.items())),
+            *((f"{REFUSED_ON}{name}", str(count)) for name, count in sorted(counts.items())),
             *_reasons(intake),
         ],
     )

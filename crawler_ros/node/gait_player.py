@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 from crawler_model import CrawlerError, load_scene
 from crawler_model.body.drive import NS, Drive
 
+from ..wire.facts import REFUSED_ON, read_count, rows_dropped, ticks_refused
 from ..wire.messages import NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_profile, read_topics
@@ -50,8 +51,8 @@ def count_refusals(status: Any, topic: str) -> int:
     Returns:
         The number, of ticks since the last reset.
     """
-    kinds = (f"refused on {topic}", "ticks refused")
-    return sum(int(v.value) for v in status.values if v.key in kinds or v.key.startswith("dropped because "))
+    entries = {entry.key: entry.value for entry in status.values}
+    return read_count(entries, f"{REFUSED_ON}{topic}") + ticks_refused(entries) + rows_dropped(entries)
 
 
 def list_commands(drive: Drive) -> tuple[list[str], list[np.ndarray]]:

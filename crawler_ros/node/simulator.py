@@ -24,7 +24,7 @@ from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .ahead import Ahead, compile_ticks
 from .counts import start_counts
-from .diagnostics import diagnose
+from .diagnostics import CommandCounts, TickCounts, diagnose
 from .inertia import add_tick, add_ticks
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
@@ -74,8 +74,7 @@ class Simulator(QuietNode):
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
         self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
-        self.reported = (0, 0, 0, 0, 0)
-        self.reported_commands = (0, 0, 0, 0, 0)
+        self.reported, self.reported_commands = TickCounts(), CommandCounts()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
         self.lock = threading.Lock()
@@ -157,7 +156,8 @@ class Simulator(QuietNode):
             self.stepper.reset(time.monotonic_ns())
             self.commands.reset(self.start.row)
             self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
-            self.reported, self.reported_commands = (0, 0, 0, self.reported[3], 0), (*self.reported_commands[:4], 0)
+            self.reported = TickCounts(late=self.reported.late)
+            self.reported_commands = self.reported_commands._replace(ticks=0)
             self._send_start()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response

@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-import re
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .layouts import Walk
+from crawler_model.errors import CommandError
+
+from ..wire.cdr import CdrReader
+from ..wire.facts import Fact, Refusal, read_count, read_number, read_refusals, rows_dropped, ticks_refused
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 Parts = dict[str, dict[str, str]]
 """Key-value pairs by part of a node: "simulation", "commands"."""
-
-_REASON = re.compile(r"refused on (?P<topic>\S+): (?P<why>.*)", re.S)
-_TIMES = re.compile(r"(?P<count>\d+), first at (?P<first>\S+) s, last at (?P<last>\S+) s")
-_TOPIC = "refused on "
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """Command messages that were refused for one reason.
-
-    Attributes:
-        topic: the topic on which they arrived.
-        why: the reason, in the words of the first of them; empty where it was not recorded.
-        count: number of messages.
-        first: simulated time at which the first arrived [s]; None where it was not recorded.
-        last: the same of the last one.
-    """
-
-    topic: str
-    why: str
-    count: int
-    first: float | None
-    last: float | None
 
 
 @dataclass(frozen=True)
@@ -104,16 +82,16 @@ def read_diagnostics(data: bytes) -> dict[str, Parts]:
         the bytes are not such a message.
     """
     found: dict[str, Parts] = {}
-    walk = Walk(data, "replace")
     try:
-        walk.stamp()
+        walk = CdrReader(data)
+        walk.take(2, 4)  # stamp
         walk.text()  # frame_id
         for _ in range(walk.count()):
-            walk.place += 1  # level
+            walk.take(1, 1)  # level
             name, _, _ = walk.text(), walk.text(), walk.text()
             node, _, part = name.rpartition(": ")
             found.setdefault(node, {})[part] = {walk.text(): walk.text() for _ in range(walk.count())}
-    except (struct.error, ValueError):  # the latter of a length that no message has
+    except CommandError:
         return {}
     return found
 
@@ -131,50 +109,19 @@ def find_incidents(nodes: Mapping[str, Parts], namespace: str) -> Incidents | No
     own = [
         parts
         for node, parts in nodes.items()
-        if "/" + node.strip("/").rpartition("/")[0] == namespace and "ticks" in parts.get("simulation", {})
+        if "/" + node.strip("/").rpartition("/")[0] == namespace and Fact.TICKS.value in parts.get("simulation", {})
     ]
     if not own:
         return None
     simulation, commands = own[0]["simulation"], own[0].get("commands", {})
     return Incidents(
-        refused=_count(commands, "refused"),
-        refusals=_refusals(commands),
-        dropped=sum(_counts(commands, "dropped because ")),
-        held=max(_counts(simulation | commands, "ticks refused")),  # one count, in older recordings with a reason
-        lost=_count(commands, "lost"),
-        late=_count(simulation, "late ticks"),
-        first_late=_number(simulation, "first late tick at [s]"),
-        worst_late=_number(simulation, "worst late tick at [s]"),
-        worst_delay=_number(simulation, "worst late tick by [s]"),
+        refused=read_count(commands, Fact.REFUSED.value),
+        refusals=read_refusals(commands),
+        dropped=rows_dropped(commands),
+        held=ticks_refused(simulation | commands),
+        lost=read_count(commands, Fact.LOST.value),
+        late=read_count(simulation, Fact.LATE_TICKS.value),
+        first_late=read_number(simulation, Fact.FIRST_LATE),
+        worst_late=read_number(simulation, Fact.WORST_LATE),
+        worst_delay=read_number(simulation, Fact.WORST_DELAY),
     )
-
-
-def _refusals(commands: Mapping[str, str]) -> tuple[Refusal, ...]:
-    """Read the reasons; of recordings that hold none, the counts of each topic."""
-    found = []
-    for key, value in commands.items():
-        reason, times = _REASON.fullmatch(key), _TIMES.fullmatch(value)
-        if reason and times:
-            first, last = float(times["first"]), float(times["last"])
-            found.append(Refusal(reason["topic"], reason["why"], int(times["count"]), first, last))
-    if found:
-        return tuple(sorted(found, key=lambda refusal: refusal.first or 0.0))
-    topics = [key for key in commands if key.startswith(_TOPIC)]
-    return tuple(Refusal(key.removeprefix(_TOPIC), "", _count(commands, key), None, None) for key in topics)
-
-
-def _count(entries: Mapping[str, str], key: str) -> int:
-    value = entries.get(key, "0")
-    return int(value) if value.isdigit() else 0
-
-
-def _counts(entries: Mapping[str, str], start: str) -> list[int]:
-    """Read all entries whose keys have the same start, and 0 for none."""
-    return [0, *(_count(entries, key) for key in entries if key.startswith(start))]
-
-
-def _number(entries: Mapping[str, str], key: str) -> float | None:
-    try:
-        return float(entries[key])
-    except (KeyError, ValueError):
-        return None

@@ -6,71 +6,51 @@ in the first message, and numpy reads the others. A message with another layout 
 
 from __future__ import annotations
 
-import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from crawler_model.body.drive import NS
 
+from ..wire.cdr import CdrReader
 from .bag import BagError, Block
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 POSE = "geometry_msgs/msg/PoseStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
-_HEAD = 4
-_LONGEST = 1 << 28
 _MOST_LAYOUTS = 64
 
 
-@dataclass(eq=False)
-class Walk:
+class _Walk(CdrReader):
     """A pass through one message that collects the positions of its numbers and of the bytes that fix its layout."""
 
-    data: bytes
-    errors: str = "strict"
-    """How text that is not UTF-8 is decoded, as in `bytes.decode`."""
-    place: int = _HEAD
-    stamps: list[int] = field(default_factory=list)
-    numbers: list[tuple[int, int]] = field(default_factory=list)
-    fixed: list[tuple[int, int]] = field(default_factory=list)
-
-    def align(self, size: int) -> None:
-        """Skip the bytes before a number of a size."""
-        self.place += -(self.place - _HEAD) % size
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.stamps: list[int] = []
+        self.numbers: list[tuple[int, int]] = []
+        self.fixed: list[tuple[int, int]] = []
 
     def stamp(self) -> None:
         """Skip a time or duration."""
-        self.align(4)
-        self.stamps.append(self.place)
-        self.place += 8
+        self.stamps.append(self.take(2, 4))
 
     def count(self) -> int:
         """Read the length of a sequence."""
-        self.align(4)
-        (value,) = struct.unpack_from("<I", self.data, self.place)
-        self.fixed.append((self.place, self.place + 4))
-        self.place += 4
-        if value > _LONGEST:
-            raise ValueError("a sequence longer than any message")
-        return int(value)
+        value = super().count()
+        self.fixed.append((self.place - 4, self.place))
+        return value
 
     def text(self) -> str:
         """Read a string."""
-        length = self.count()
-        self.fixed.append((self.place, self.place + length))
-        text = bytes(self.data[self.place : self.place + length])
-        self.place += length
-        return text.rstrip(b"\0").decode(errors=self.errors)
+        text = super().text()
+        self.fixed.append((self.fixed[-1][1], self.place))
+        return text
 
-    def doubles(self, count: int | None = None) -> None:
+    def skip_doubles(self, count: int | None = None) -> None:
         """Skip numbers, `count` of them or a sequence."""
         count = self.count() if count is None else count
-        if count:
-            self.align(8)
-        self.numbers.append((self.place, count))
-        self.place += 8 * count
+        self.numbers.append((self.take(count, 8), count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,35 +83,30 @@ def find_layout(kind: str, data: bytes) -> Layout:
         The layout; for the points of a trajectory it covers only the positions, for odometry only the pose.
 
     Raises:
-        ValueError: when the bytes are not such a message.
+        ValueError: when the bytes are not such a message, of which CommandError is one kind.
     """
-    walk = Walk(data)
     names: tuple[str, ...] = ()
-    try:
-        if data[1] != 1:
-            raise ValueError("not little-endian CDR")
-        walk.stamp()
+    walk = _Walk(data)
+    if data[1] != 1:
+        raise ValueError("not little-endian CDR")
+    walk.stamp()
+    walk.text()
+    if kind == ODOMETRY:
         walk.text()
-        if kind == ODOMETRY:
-            walk.text()
-        if kind in (POSE, ODOMETRY):
-            walk.doubles(7)
+    if kind in (POSE, ODOMETRY):
+        walk.skip_doubles(7)
+    else:
+        names = tuple(walk.text() for _ in range(walk.count()))
+        if kind == JOINT_STATE:
+            for _ in range(3):
+                walk.skip_doubles()
         else:
-            names = tuple(walk.text() for _ in range(walk.count()))
-            if kind == JOINT_STATE:
-                for _ in range(3):
-                    walk.doubles()
-            else:
-                for _ in range(walk.count()):
-                    walk.doubles()
-                    for _ in range(3):  # velocities, accelerations, effort
-                        walk.doubles()
-                        walk.numbers.pop()
-                    walk.stamp()
-    except (struct.error, IndexError) as error:
-        raise ValueError(str(error)) from None
-    if walk.place > len(data):
-        raise ValueError("it ends too early")
+            for _ in range(walk.count()):
+                walk.skip_doubles()
+                for _ in range(3):  # velocities, accelerations, effort
+                    walk.skip_doubles()
+                    walk.numbers.pop()
+                walk.stamp()
     fixed = np.concatenate([np.arange(a, b) for a, b in walk.fixed]).astype(np.int64)
     model = np.frombuffer(data, np.uint8)[fixed].copy()
     return Layout(names, np.array(walk.stamps, np.int64), tuple(walk.numbers), fixed, model)

@@ -104,7 +104,15 @@ def account_of(table: RampTable, first: int = 0, last: int | None = None) -> Ene
     peak = float(table.stored[first : last + 1].max(initial=0.0))
     size = max(abs(work), abs(loads_work), abs(dissipation), abs(stored), peak)
     residual = abs(stored + dissipation + internal + jump_loss - work - loads_work) / size if size > 0.0 else 0.0
-    return EnergyBalance(work, loads_work, dissipation, jump_loss, stored, residual, internal)
+    return EnergyBalance(
+        work=work,
+        loads_work=loads_work,
+        dissipation=dissipation,
+        jump_loss=jump_loss,
+        stored=stored,
+        residual=residual,
+        internal_dissipation=internal,
+    )
 
 
 def tabulate_cycles(table: RampTable, scene: Scene | None) -> tuple[tuple[Cycle, ...], str]:

@@ -315,7 +315,17 @@ def _check_topic(stamps: Stamps, rate: Fraction | None, every: int) -> TopicHeal
     count, ns = stamps.log_ns.size, stamps.stamp_ns
     if ns.size == 0:
         span = float(stamps.log_ns.max() - stamps.log_ns.min()) / NS if count > 1 else 0.0
-        return TopicHealth(stamps.type, count, count / span if span else None, None, None, (), 0, 0, 0)
+        return TopicHealth(
+            type=stamps.type,
+            count=count,
+            rate=count / span if span else None,
+            first=None,
+            last=None,
+            gaps=(),
+            missing=0,
+            out_of_order=0,
+            duplicates=0,
+        )
     step = np.diff(ns)
     back = (step < 0) & (ns[1:] != 0)
     again = (step == 0) & (ns[1:] != 0)
@@ -330,13 +340,13 @@ def _check_topic(stamps: Stamps, rate: Fraction | None, every: int) -> TopicHeal
         missing = int(counts.sum())
         gaps = [(ns[i] / NS, ns[i + 1] / NS, int(n)) for i, n in zip(at[:_MOST_GAPS], counts, strict=False)]
     return TopicHealth(
-        stamps.type,
-        count,
-        float(np.count_nonzero(step > 0)) / span if span else None,
-        float(ns.min()) / NS,
-        float(ns.max()) / NS,
-        tuple(gaps),
-        missing,
-        int(back.sum()),
-        int(again.sum()),
+        type=stamps.type,
+        count=count,
+        rate=float(np.count_nonzero(step > 0)) / span if span else None,
+        first=float(ns.min()) / NS,
+        last=float(ns.max()) / NS,
+        gaps=tuple(gaps),
+        missing=missing,
+        out_of_order=int(back.sum()),
+        duplicates=int(again.sum()),
     )

@@ -36,18 +36,18 @@ def film_of_frames(scene: Scene, frames: Sequence[Frame]) -> Film:
     body = scene.body
     rest = body.position[body.stations]
     return Film(
-        scene,
-        tuple(name.removeprefix("contact_") for name in station_names(body)),
-        rest,
-        body.joints,
-        body.station_share,
-        np.array([f.time_ns for f in frames]) / NS,
-        np.array([f.displacement.reshape(rest.shape) for f in frames]),
-        np.array([f.state for f in frames]),
-        np.array([f.tension for f in frames]),
-        np.array([f.forward for f in frames]),
-        np.array([f.backward for f in frames]),
-        np.array([f.yields for f in frames]),
+        scene=scene,
+        names=tuple(name.removeprefix("contact_") for name in station_names(body)),
+        rest=rest,
+        ends=body.joints,
+        share=body.station_share,
+        time=np.array([f.time_ns for f in frames]) / NS,
+        displacement=np.array([f.displacement.reshape(rest.shape) for f in frames]),
+        state=np.array([f.state for f in frames]),
+        tension=np.array([f.tension for f in frames]),
+        forward=np.array([f.forward for f in frames]),
+        backward=np.array([f.backward for f in frames]),
+        yields=np.array([f.yields for f in frames]),
     )
 
 

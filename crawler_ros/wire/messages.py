@@ -16,58 +16,9 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 
-_ENCAPSULATION = b"\x00\x01\x00\x00"
+from .cdr import ENCAPSULATION, CdrWriter
+
 _STAMP = struct.Struct("<iI")
-
-
-class CdrWriter:
-    """Appends primitive values with the alignment that CDR requires."""
-
-    def __init__(self) -> None:
-        """Start with the encapsulation header."""
-        self.buffer = bytearray(_ENCAPSULATION)
-
-    def align(self, size: int) -> int:
-        """Pad to a multiple of `size` after the header; return the position reached."""
-        self.buffer.extend(bytes(-(len(self.buffer) - 4) % size))
-        return len(self.buffer)
-
-    def pack(self, code: str, value: float) -> int:
-        """Append one number of a `struct` code; return its position."""
-        place = self.align(struct.calcsize(code))
-        self.buffer += struct.pack("<" + code, value)
-        return place
-
-    def text(self, value: str) -> None:
-        """Append a string."""
-        data = value.encode() + b"\0"
-        self.pack("I", len(data))
-        self.buffer += data
-
-    def texts(self, values: Sequence[str]) -> None:
-        """Append a sequence of strings."""
-        self.pack("I", len(values))
-        for value in values:
-            self.text(value)
-
-    def doubles(self, count: int) -> int:
-        """Append a sequence of `count` zeros; return the position of the first."""
-        self.pack("I", count)
-        place = self.align(8) if count else len(self.buffer)
-        self.buffer += bytes(8 * count)
-        return place
-
-    def stamp(self, ns: int) -> int:
-        """Append a time or duration; return its position."""
-        place = self.pack("i", ns // NS)
-        self.pack("I", ns % NS)
-        return place
-
-    def header(self, frame: str) -> int:
-        """Append a std_msgs/Header; return the position of its stamp."""
-        place = self.stamp(0)
-        self.text(frame)
-        return place
 
 
 def _put_stamp(buffer: bytearray, place: int, ns: int) -> None:
@@ -292,17 +243,17 @@ def read_stamp(data: bytes) -> int:
     Returns:
         The stamp [ns].
     """
-    seconds, ns = struct.unpack_from("<iI", data, len(_ENCAPSULATION))
+    seconds, ns = struct.unpack_from("<iI", data, len(ENCAPSULATION))
     return int(seconds * NS + ns)
 
 
-CLOCK = MessageLayout(_ENCAPSULATION + bytes(_STAMP.size), len(_ENCAPSULATION), 0, (0,), (8,))
+CLOCK = MessageLayout(ENCAPSULATION + bytes(_STAMP.size), len(ENCAPSULATION), 0, (0,), (8,))
 """The layout of a rosgraph_msgs/Clock."""
 
 
 def encode_clock(ns: int) -> bytes:
     """Encode a rosgraph_msgs/Clock."""
-    return _ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
+    return ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
 
 
 def encode_string(text: str) -> bytes:

@@ -41,7 +41,7 @@ friction: {forward: 0.4, backward: 1.0}
 ground: {slope: -80.0, patches: [{from: -9.0, to: 1.25, slope: 0.0}]}
 """
 LENGTHS = "actuation_controller/commands"
-JUMPS, REFUSED = "jumps on patches of ground", "ticks refused because nothing would hold the body"
+JUMPS, REFUSED = "jumps", "ticks refused"
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def test_a_load_that_nothing_holds_behind_a_slack_tendon_is_refused_and_counted(
     wait_until(lambda: ticks(ros)[-1] == 3, what="the last state")
     assert [len(message.points) for message in ros.heard["applied_commands"]] == [1, 0, 1]
     assert ros.heard["joint_states"][-1].position[1] == pytest.approx(0.125, abs=1e-15)
-    wait_until(lambda: value(ros, "simulation", REFUSED) == "1")
+    wait_until(lambda: value(ros, "commands", REFUSED) == "1")
     assert simulator.end() == 0
     assert "no link that is taut holds contact 1" in simulator.said
     (path,) = (tmp_path / "bags").iterdir()
@@ -125,7 +125,7 @@ def test_a_cliff_stops_the_body_before_it_and_the_node_goes_on(ros, tmp_path):
     alone.advance([0.5])
     assert list(ros.heard["joint_states"][-1].position) == [alone.displacement[0], alone.shape[0]]
     assert "no equilibrium, the body would run away" in simulator.said
-    wait_until(lambda: value(ros, "simulation", REFUSED) == "2")
+    wait_until(lambda: value(ros, "commands", REFUSED) == "2")
     assert value(ros, "simulation", JUMPS) == "0"
     assert simulator.end() == 0
     (path,) = (tmp_path / "bags").iterdir()

@@ -17,7 +17,6 @@ from crawler_model.scene.scene import Scene
 
 from ...sweep.keys import find_path
 from ...sweep.vary import Variations
-from ..judge.verdicts import ENDED
 
 _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""
@@ -349,7 +348,7 @@ def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -
     held: dict[str, float] = {}
     groups: list[tuple[str, ...]] = []
     unknown: list[str] = []
-    ended = tuple(str(parameter["name"]) for parameter in listed if ENDED in str(parameter.get("why", "")))
+    ended = tuple(str(parameter["name"]) for parameter in listed if parameter.get("ended"))
     for parameter in listed:
         name, verdict = str(parameter["name"]), parameter["verdict"]
         if verdict == "bound":

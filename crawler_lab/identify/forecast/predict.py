@@ -19,6 +19,7 @@ from crawler_model.run.inertia import Inertia
 from crawler_model.run.simulate import find_inertia
 from crawler_model.scene.file import coerce_scene, load_drive
 from crawler_model.scene.scene import Scene
+from crawler_model.theory.uniqueness import UNDETERMINED
 
 from ...derivative.sensitivities import check_differentiable
 from ...sweep.vary import Variations, vary
@@ -74,7 +75,7 @@ class Beyond:
     why: str
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Forecast:
     """What a drive does with an identified body.
 
@@ -235,20 +236,22 @@ def predict(
     shape = (best.time.size, played.body.contacts)
     position, lows, highs = (frozen(array[TOTALS:].reshape(shape)) for array in (best.results, low, high))
     return Forecast(
-        played,
-        bands[0],
-        bands[1],
-        None if period is None else count,
-        bands[2],
-        bands[3],
-        best.time,
-        position,
-        lows,
-        highs,
-        tuple(Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()),
-        (*_notes(posterior, names, best, own_drive=drive is None), *_note_speed(posterior, played)),
-        best.transient_left,
-        find_inertia(played),
+        scene=played,
+        gain=bands[0],
+        energy=bands[1],
+        periods=None if period is None else count,
+        run_gain=bands[2],
+        run_energy=bands[3],
+        time=best.time,
+        position=position,
+        low=lows,
+        high=highs,
+        depends_on_bounds=tuple(
+            Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()
+        ),
+        notes=(*_notes(posterior, names, best, own_drive=drive is None), *_note_speed(posterior, played)),
+        transient_left=best.transient_left,
+        inertia=find_inertia(played),
     )
 
 
@@ -390,7 +393,7 @@ def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_driv
             if rows.any():
                 notes.append(f"the {what} holds for {kept or 'the values found'}: the record determines only ratios")
     if not best.unique:
-        notes.append("the translation is not unique on some stretch: friction does not determine it")
+        notes.append(f"not unique: in some interval {UNDETERMINED}")
     if not np.isfinite(best.transient_left):
         notes.append("the motion does not settle: the gain a period is that of the last period that was run")
     return tuple(notes)

@@ -15,8 +15,6 @@ from ..sensor.noise import find_quantile, find_rounding
 from .bounds import find_bounds
 
 Verdict = Literal["identified", "ratio", "bound", "not excited"]
-ENDED = "the fit ended at this bound"
-"""The reason of a bound that was given to the fit; the value at it was fitted."""
 _ZERO = 1e-11
 """A column below this part of the largest one is zero."""
 _NULL = 1e-8
@@ -44,6 +42,7 @@ class Parameter:
         interval: 95 % interval; None at an end that is not known.
         partners: names of the other parameters of a ratio.
         why: the reason, in words.
+        ended: whether the fit ended at a bound that was given to it.
     """
 
     name: str
@@ -52,6 +51,7 @@ class Parameter:
     interval: tuple[float | None, float | None]
     partners: tuple[str, ...]
     why: str
+    ended: bool = False
 
     def as_plain(self) -> dict[str, object]:
         """Convert to the values that `crawler identify --json` prints.
@@ -66,6 +66,7 @@ class Parameter:
             "interval": list(self.interval),
             "with": list(self.partners),
             "why": self.why,
+            "ended": self.ended,
         }
 
 
@@ -294,8 +295,8 @@ def judge(
             at_most = coordinates[p] - low[p] < 1e-6
             ends = (None, float(values[p])) if at_most else (float(values[p]), None)
             side = f"{'at most' if at_most else 'at least'} {values[p]:.6g}"
-            why = f"{side}: {ENDED}"
-            parameters.append(Parameter(name, "bound", float(values[p]), ends, (), why))
+            why = f"{side}: the fit ended at this bound"
+            parameters.append(Parameter(name, "bound", float(values[p]), ends, (), why, ended=True))
         elif None in interval:
             end = interval[0] if interval[0] is not None else interval[1]
             if end is None:

@@ -216,9 +216,7 @@ def _read(path: Path, scene: Scene, topics: Mapping[str, str], described: Mappin
 
 def _note_bounds(found: Identification) -> list[str]:
     """Mark the numbers that the measurements only bound."""
-    from ...identify.judge.verdicts import ENDED
-
-    bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and ENDED not in p.why]
+    bounded = [f"  {p.name}: {p.why}" for p in found.parameters if p.verdict == "bound" and not p.ended]
     return ["Values clear of their bounds, as the measurements only bound these numbers:", *bounded] if bounded else []
 
 

@@ -315,7 +315,7 @@ def _solve_blocks(contacts, springs, model, ramp, count):
 
 @lean
 def _sample_before(contacts, springs, model, ground, ramp):
-    """Update the visited margin before borders change bounds at once, and before springs that are flat may no longer be."""
+    """Update the visited margin before borders change bounds at once, and before flat springs become stiff."""
     if ground is None and model.curves is None:
         return
     begin_parts(contacts, springs, model, model.curves, ramp)

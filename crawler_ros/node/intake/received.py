@@ -14,13 +14,8 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_model.errors import CommandError
 
-_HEAD = 4
-_ENCODINGS = {  # by the second byte: byte order and largest alignment
-    0: (">", 8),
-    1: ("<", 8),
-    6: (">", 4),
-    7: ("<", 4),
-}
+from ...wire.cdr import HEAD, CdrReader, wrong_nanosec
+
 _WITHOUT_DIMENSIONS = b"\x00\x01\x00\x00\x00\x00\x00\x00"
 _ARRAY_COUNT = struct.Struct("<I4x")
 _ARRAY_COUNT_AT, _ARRAY_AT = 12, 20
@@ -46,57 +41,6 @@ class ReceivedTrajectory:
     has_more: bool
 
 
-class _Reader:
-    """A reading position in the bytes of a message that never moves beyond their end."""
-
-    def __init__(self, data: bytes) -> None:
-        if len(data) < _HEAD or data[0] != 0 or data[1] not in _ENCODINGS:
-            raise CommandError(
-                f"not a message of this type: it begins with {bytes(data[:_HEAD]).hex(' ') or 'no bytes'}"
-            )
-        self.data, self.place = data, _HEAD
-        self.order, self._largest = _ENCODINGS[data[1]]
-        self._count = struct.Struct(self.order + "I")
-        self._stamp = struct.Struct(self.order + "iI")
-
-    def take(self, count: int, size: int) -> int:
-        """Skip `count` items of `size` bytes; return where they begin."""
-        if count:
-            self.place += -(self.place - _HEAD) % min(size, self._largest)
-        first, self.place = self.place, self.place + count * size
-        if self.place > len(self.data):
-            raise CommandError(
-                f"not a message of this type: it ends after {len(self.data)} bytes, in the middle of a sequence"
-            )
-        return first
-
-    def count(self) -> int:
-        return int(self._count.unpack_from(self.data, self.take(1, 4))[0])
-
-    def ns(self) -> int:
-        first = self.take(2, 4)
-        seconds, rest = self._stamp.unpack_from(self.data, first)
-        if rest >= NS:
-            raise _wrong_nanosec(rest)
-        return int(seconds * NS + rest)
-
-    def text(self) -> str:
-        size = self.count()
-        first = self.take(size, 1)
-        return bytes(self.data[first : first + size]).rstrip(b"\0").decode(errors="replace")
-
-    def doubles(self) -> np.ndarray:
-        size = self.count()
-        first = self.take(size, 8)
-        return np.frombuffer(self.data, self.order + "f8", size, first)
-
-    def end(self, sequences: int) -> None:
-        """Refuse bytes behind the message beyond those that Fast DDS leaves there: 4 a sequence that may be empty."""
-        left = len(self.data) - self.place
-        if left >= 8 + 4 * sequences:
-            raise CommandError(f"not a message of this type: {left} more bytes follow its end at byte {self.place}")
-
-
 def read_array(data: bytes) -> np.ndarray:
     """Read the numbers of a std_msgs/Float64MultiArray.
 
@@ -113,7 +57,7 @@ def read_array(data: bytes) -> np.ndarray:
         (size,) = _ARRAY_COUNT.unpack_from(data, _ARRAY_COUNT_AT)
         if 0 <= len(data) - (_ARRAY_AT + 8 * size) < 8:
             return np.frombuffer(data, "<f8", size, _ARRAY_AT)
-    reader = _Reader(data)
+    reader = CdrReader(data)
     for _ in range(reader.count()):  # dimensions: label, size, stride
         reader.text()
         reader.take(2, 4)
@@ -136,7 +80,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         CommandError: when the bytes are not such a message, a time has 1e9 nanoseconds or more, or a point does not
             have one position per name.
     """
-    reader = _Reader(data)
+    reader = CdrReader(data)
     stamp_ns = reader.ns()
     reader.text()  # frame_id
     count = reader.count()
@@ -157,7 +101,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
         has_more = has_more or any(sizes)
         times[done] = reader.ns()
         done += 1
-        form = ((first - _HEAD) % 8, reader.place - first)
+        form = ((first - HEAD) % 8, reader.place - first)
         if form != before or form[1] % 8:
             before, run = form, 1
             continue
@@ -173,15 +117,11 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
     return ReceivedTrajectory(stamp_ns, names, times, positions, has_more)
 
 
-def _positions(reader: _Reader, point: int, names: int) -> np.ndarray:
+def _positions(reader: CdrReader, point: int, names: int) -> np.ndarray:
     values = reader.doubles()
     if values.size != names:
         raise wrong_point(point, values.size, names)
     return values
-
-
-def _wrong_nanosec(value: int) -> CommandError:
-    return CommandError(f"trajectory: a time has {value} in its field nanosec; it must be below {NS}")
 
 
 def wrong_point(point: int, positions: int, names: int) -> CommandError:
@@ -196,7 +136,7 @@ def _read_equal_points(
     size, names = first - model, positions.shape[1]
     table = np.frombuffer(data, np.uint8, most * size, first).reshape(most, size)
     form = np.zeros(size, dtype=bool)  # the bytes of the counts
-    reader = _Reader(data)
+    reader = CdrReader(data)
     reader.place = model
     begins = []
     for _ in range(4):  # positions, velocities, accelerations, effort
@@ -212,6 +152,6 @@ def _read_equal_points(
     words = np.ascontiguousarray(rows[:, size - 8 :])
     seconds, rest = words[:, :4].copy().view(order + "i4")[:, 0], words[:, 4:].copy().view(order + "u4")[:, 0]
     if rest.max(initial=0) >= NS:
-        raise _wrong_nanosec(int(rest.max()))
+        raise wrong_nanosec(int(rest.max()))
     times[:like] = seconds.astype(np.int64) * NS + rest
     return like

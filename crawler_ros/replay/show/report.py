@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from crawler_model.body.drive import NS
+from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.numbers import write_length, write_stability
 
 from ..analysis import Replay
@@ -206,5 +207,5 @@ def _print_account(replay: Replay, screen: Console) -> None:
         first = margins.ambiguous[0]
         screen.print(
             f"[yellow]not unique:[/] in {len(margins.ambiguous)} interval(s), the first {first[0]:g} .. {first[1]:g} "
-            "s, the translation was not determined; the one nearest to zero was taken"
+            f"s, {UNDETERMINED}"
         )
