@@ -150,9 +150,9 @@ REFUSED = [
         "mode: scene; pair has no drive, use hand or wave",
     ),
     (
-        lambda: predict(pair(**DRIVE), Posterior(("friction.isotropic",), [1.0], np.eye(1)), pair()),
+        lambda: predict(pair(**DRIVE), Posterior(("friction.isotropic",), [1.0], np.eye(1)), pair(name="still")),
         SceneError,
-        "predict: pair has no drive; without one nothing moves",
+        "predict: still has no drive; without one nothing moves",
     ),
     (lambda: environments().step(np.zeros((2, 1))), CrawlerError, "step: no episode has begun; call reset first"),
     (

@@ -8,8 +8,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+from crawler_command import executables
 
 from ..pages import ROOT
 
@@ -134,3 +137,24 @@ def test_a_recording_goes_to_the_home_folder(tmp_path):
     end(process)
     assert list((tmp_path / "bags").glob("*/*.mcap"))
     assert not (tmp_path / "~").exists()
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_interrupts_that_a_script_ignores_stay_ignored(ignored, monkeypatch):
+    """A program that was started in the background inherits this, and Ctrl-C is meant for another one."""
+    seen: list[object] = []
+
+    def load(_: str) -> SimpleNamespace:
+        seen.append(signal.getsignal(signal.SIGINT))
+        return SimpleNamespace(main=lambda: seen.append(signal.getsignal(signal.SIGINT)))
+
+    for name in ("prepare_streams", "_end_where_interrupts_are_lost"):
+        monkeypatch.setattr(executables, name, lambda *_: None)
+    monkeypatch.setattr(executables.importlib, "import_module", load)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.default_int_handler)
+    try:
+        assert executables.run("crawler", "somewhere") == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert [handler is signal.SIG_IGN for handler in seen] == [ignored] * 2
+    assert [handler is signal.default_int_handler for handler in seen] == [False, not ignored]
