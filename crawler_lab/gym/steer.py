@@ -19,7 +19,7 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 
-from ..optimise.request import find_planar_strokes
+from ..optimise.request import find_strokes
 from .actions import check_start
 from .env import CrawlerEnv, describe_bad, read_action
 from .task import check_number
@@ -95,9 +95,7 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if isinstance(steps, bool) or not isinstance(steps, int) or steps < 0:
             raise CrawlerError(f"steps: {steps!r}; it must be a whole number >= 0; 0 for no limit")
         self._steps = steps
-        moves, bounds = find_planar_strokes(self.scene, stroke)  # type: ignore[arg-type]
-        if not bounds:
-            raise CrawlerError(f"stroke: {stroke!r}; it must name at least one of {', '.join(name_joints(body))}")
+        moves, bounds = find_strokes(self.scene, stroke)  # type: ignore[arg-type]
         self._moved = np.flatnonzero(moves)
         self._low, self._high = np.array(bounds).T
         self.action_names = tuple(np.array(name_joints(body))[self._moved].tolist())

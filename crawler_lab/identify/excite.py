@@ -23,7 +23,7 @@ from crawler_model.run.simulate import find_inertia, simulate
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
-from ..optimise.request import Bounds, find_strokes
+from ..optimise.request import Bounds, find_strokes, held_lengths
 from ..optimise.slow import check_slower_than, slow_down
 from ..sweep.keys import expand_keys
 from .fit.space import build_space
@@ -119,6 +119,7 @@ def excite(
             all that it commands.
         keys: dotted keys of the parameters, as for `identify`.
         stroke: bounds of all links [m] and segments (strain), or of each by name; None for those of the scene's drive.
+            What is not named, or what the drive does not move, stays as it is.
         noise: standard deviation of the measured positions of the contacts [m].
         duration: longest duration [s].
         every: time between waypoints [s].
@@ -155,7 +156,9 @@ def excite(
     names = name_joints(scene.body)
     if not names:
         raise SceneError(f"excite: {scene.name} has neither links nor segments; nothing can move it")
-    low, high = np.array(find_strokes(scene, names, stroke)).T
+    moves, bounds = find_strokes(scene, stroke)
+    low, high = held_lengths(scene), held_lengths(scene)  # what has no stroke stays as the scene has it
+    low[moves], high[moves] = np.array(bounds).T
     search = _Search(scene, keys, names, (low, high), noise, every, rate, seed)
     interrupted = False
     try:
@@ -192,8 +195,7 @@ class _Search:
         self.scene, self.links, self.bounds = scene, tuple(links), bounds
         self.noise, self.every, self.rate = noise, every, rate
         self.random = np.random.default_rng(seed)
-        sizes = scene.columns.actuation_sizes
-        self.rows = scene.drive.rows[:1, np.cumsum(sizes) - sizes].copy()
+        self.rows = held_lengths(scene)[None]
         moved = set(name_each("link", scene.body.link_springs.size))
         self.channels = tuple(name for name in channel_names(scene) if name not in moved)
         first = self._recording(self.rows[[0, 0]])

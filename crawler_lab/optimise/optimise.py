@@ -65,9 +65,9 @@ def optimise(
         waypoints: number of evenly spaced waypoints of the drive, all unknown; None for 6, or for none if `free` names
             numbers of the scene and the scene has a periodic drive.
         stroke: bounds of the links' rest lengths [m] and of the segments' strains, or of each by name; None for the
-            range of the scene's drive. Of bodies that turn also of the joints' angles [rad]. In the plane what is not
-            named, or what the drive does not move, stays as it is; there a link without a length has two components,
-            link_0/x and link_0/y, and its own name stands for both.
+            range of the scene's drive. Of bodies that turn also of the joints' angles [rad]. What is not named, or what
+            the drive does not move, stays as it is. In the plane a link without a length has two components, link_0/x
+            and link_0/y, and its own name stands for both.
         free: bounds of further unknowns by dotted key, as for `vary`; `friction` frees the friction of each contact [N]
             and segment [N/m] at each waypoint, the same in both directions.
         rate: fastest change of a rest length [m/s].

@@ -205,15 +205,11 @@ def _build_table(
         period = 1.0 if scene.drive.period is None else scene.drive.period
     if not 1e-6 <= period <= 1e6:
         raise SceneError(f"period: {period:g} s; it must be between 1e-6 and 1e6")
-    columns, body = base.columns, base.body
-    names = name_joints(body)
-    if body.dimension == 2:
+    if base.body.dimension == 2:
         return _build_planar_table(scene, count, float(period), stroke, friction)
-    moves = find_driven(body)
-    chosen = [name for name, is_driven in zip(names, moves, strict=True) if is_driven]
-    if not chosen:
-        raise SceneError(f"optimise: the links of {scene.name} are all passive; no command moves it")
-    strokes = find_strokes(scene, chosen, stroke)
+    columns, body = base.columns, base.body
+    moves, strokes = find_strokes(scene, stroke)
+    held = np.where(moves, np.nan, held_lengths(scene))
     span = np.array([1.0] * columns.links + [segment.length for segment in body.segments])[moves]
     column_of = np.full(columns.count, -1)
     own = np.where(moves, np.cumsum(moves) - 1, -1)
@@ -222,30 +218,44 @@ def _build_table(
     if friction is not None:
         if friction[0] < 0.0:
             raise SceneError(f"free: friction: {friction[0]:g} to {friction[1]:g}; friction must be >= 0")
-        one_side = np.repeat(len(chosen) + np.arange(columns.friction_sizes.size), columns.friction_sizes)
+        one_side = np.repeat(len(strokes) + np.arange(columns.friction_sizes.size), columns.friction_sizes)
         column_of[columns.lengths :][: columns.frictions] = np.tile(one_side, 2)
         bounds += [friction] * columns.friction_sizes.size
         row = base.drive.rows[0].copy()
         row[columns.lengths :][: columns.frictions] = friction[0]
         columns.check_equilibrium(columns.target(row), f"free: friction: {friction[0]:g}", SceneError)
     low, high = np.array(bounds).T
-    held = np.where(moves, np.nan, scene.drive.rows[0, : len(names)])  # passive links come before all segments
     frees = friction is not None
-    return Table(count, float(period), len(chosen), frees, column_of, low.copy(), high.copy(), span, held)
+    return Table(count, float(period), len(strokes), frees, column_of, low.copy(), high.copy(), span, held)
 
 
 def find_driven(body: Body) -> np.ndarray:
-    """Find which links and segments of a body on a line a command moves: all but links that are passive alone.
+    """Find which links, segments and joints of a body a command moves: all that are not passive springs without more.
 
     Args:
         body: the body.
 
     Returns:
-        Shape (links + segments,), bool; False for links that are passive alone.
+        Shape (links and segments or joints,), bool; in the plane of each component of a link.
     """
+    if body.dimension == 2:
+        return np.ones(body.lengths, np.bool_)
     passive = {bend.spring for bend in body.bends if not bend.actuator.slopes.any()}
-    links = [spring not in passive for spring in body.link_springs.tolist()]
-    return np.array(links + [True] * len(body.segments), np.bool_)
+    first = [*body.link_springs.tolist(), *(segment.first_spring for segment in body.segments)]
+    return np.array([spring not in passive for spring in first], np.bool_)
+
+
+def held_lengths(scene: Scene) -> np.ndarray:
+    """Return the first command of the drive of a scene, or the one in force without a drive.
+
+    Returns:
+        Of each link and segment or joint, in the plane of each component of a link; of a segment whose strain varies,
+        that of its first element [m, 1, rad].
+    """
+    row, columns = scene.drive.rows[0], scene.columns
+    if scene.dimension == 2:
+        return np.asarray(row[: columns.lengths])
+    return np.asarray(row[np.cumsum(columns.actuation_sizes) - columns.actuation_sizes])
 
 
 def _build_planar_table(
@@ -259,87 +269,75 @@ def _build_planar_table(
     if friction is not None:
         kind, key = ("turns", "left") if scene.body.turning is not None else ("is in the plane", "isotropic")
         raise SceneError(f"free: friction: {scene.name} {kind}; free a number such as friction.{key} instead")
-    moves, strokes = find_planar_strokes(scene, stroke)
+    moves, strokes = find_strokes(scene, stroke)
     low, high = np.array(strokes).T
     column_of = np.full(scene.columns.count, -1)
     column_of[: moves.size][moves] = np.arange(low.size)
-    held = np.where(moves, np.nan, scene.drive.rows[0, : moves.size])
+    held = np.where(moves, np.nan, held_lengths(scene))
     axes = 1 if scene.body.turning is not None else 2
     return Table(count, period, int(low.size), False, column_of, low.copy(), high.copy(), np.ones(low.size), held, axes)
 
 
-def find_planar_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
-    """Find which links and joints of a body in the plane move, and how far.
+def find_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> tuple[np.ndarray, list[Bounds]]:
+    """Find which links, segments and joints move, and how far; what has no stroke stays as the scene has it.
 
     Args:
-        stroke: bounds by name [m, rad], or of all that the drive of the scene moves; None for the range of this drive.
-            A link that has no length has two components, link_0/x and link_0/y; its own name stands for both.
+        stroke: bounds by name [m, 1, rad], or one of all, in the plane of all that the drive of the scene moves; None
+            for the range of this drive. In the plane a link that has no length has two components, link_0/x and
+            link_0/y; its own name stands for both.
 
     Returns:
-        Whether each link and joint, or component, moves, bool, shape (columns,), and the bounds of those that do.
+        Whether each link and segment or joint, or component, moves, bool, shape (J,), and the bounds of those that do.
 
     Raises:
         SceneError: with one line about the first mistake.
     """
-    names = scene.columns.names[: scene.columns.lengths]
-    rows = scene.drive.rows[:, : len(names)]
-    moves = np.ptp(rows, axis=0) > 0.0
+    planar = scene.dimension == 2
+    names = list(scene.columns.names[: scene.columns.lengths]) if planar else name_joints(scene.body)
+    driven = find_driven(scene.body)
+    if not driven.any():
+        raise SceneError(f"stroke: the links and segments of {scene.name} are all passive; no command moves it")
+    low, high = _range_of_drive(scene)
+    moves = driven & (low < high)
     if isinstance(stroke, Mapping):
-        stroke = {
-            column: bounds
-            for name, bounds in stroke.items()
-            for column in ([n for n in names if n.partition("/")[0] == name] or [name])
-        }
-        for name in stroke:
-            if name not in names:
-                raise SceneError(f"stroke: {name!r}; the links and joints are {', '.join(names)}")
-        moves = np.array([name in stroke for name in names])
-    elif stroke is None and scene.parts.drive is not None:
-        if not moves.any():
-            raise SceneError(f"stroke: missing, and the drive of the scene moves none of {', '.join(names)}")
-        return moves, [(float(column.min()), float(column.max())) for column in rows.T[moves]]
-    elif not moves.any():
-        moves[:] = True
-    chosen = [name for name, moved in zip(names, moves, strict=True) if moved]
-    return moves, find_strokes(scene, chosen, stroke)
-
-
-def find_strokes(scene: Scene, names: Sequence[str], stroke: Bounds | Mapping[str, Bounds] | None) -> list[Bounds]:
-    """Find the bounds of the rest length of each link and of the strain of each segment.
-
-    Args:
-        names: its links, then its segments, of these those that a command moves.
-        stroke: bounds of all [m, strain], or of each by name; None for those of the scene's drive.
-
-    Returns:
-        The bounds, in the order of the names.
-
-    Raises:
-        SceneError: with one line about the first mistake.
-    """
-    if isinstance(stroke, Mapping):
-        for name in stroke:
-            if name not in names:
-                raise SceneError(f"stroke: {name!r}; the links and segments are {', '.join(names)}")
-        missing = [name for name in names if name not in stroke]
-        if missing:
-            raise SceneError(f"stroke: {missing[0]} has none; give one stroke for all, or one for each")
-        return [check_bounds(f"stroke: {name}", stroke[name]) for name in names]
+        given = _strokes_by_name(scene, stroke, names, driven)
+        return np.array([name in given for name in names]), [given[name] for name in names if name in given]
     if stroke is not None:
-        return [check_bounds("stroke", stroke)] * len(names)
+        moves = moves if planar and moves.any() else driven
+        return moves, [check_bounds("stroke", stroke)] * int(moves.sum())
     if scene.parts.drive is None:
         raise SceneError("stroke: missing; give the bounds of the rest lengths, for example 0 to 0.1 m")
-    columns, rows, whole = scene.columns, scene.drive.rows, name_joints(scene.body)
-    found = []
-    for i, (first, size) in enumerate(
-        zip(np.cumsum(columns.actuation_sizes) - columns.actuation_sizes, columns.actuation_sizes, strict=True)
-    ):
-        if whole[i] not in names:
-            continue
-        part = rows[:, first : first + size]
-        if not part.min() < part.max():
-            raise SceneError(f"stroke: missing, and the drive of the scene does not move {whole[i]}")
-        found.append((float(part.min()), float(part.max())))
+    if not moves.any():
+        able = ", ".join(itertools.compress(names, driven))
+        raise SceneError(f"stroke: missing, and the drive of the scene moves none of {able}")
+    return moves, list(zip(low[moves].tolist(), high[moves].tolist(), strict=True))
+
+
+def _range_of_drive(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the least and the largest command of each link, segment and joint, in the plane of each component."""
+    columns = scene.columns
+    rows = scene.drive.rows[:, : columns.lengths]
+    sizes = np.ones(columns.lengths, np.int64) if scene.dimension == 2 else columns.actuation_sizes
+    first = np.cumsum(sizes) - sizes
+    return np.minimum.reduceat(rows.min(axis=0), first), np.maximum.reduceat(rows.max(axis=0), first)
+
+
+def _strokes_by_name(
+    scene: Scene, stroke: Mapping[str, Bounds], names: Sequence[str], driven: np.ndarray
+) -> dict[str, Bounds]:
+    """Check bounds by name, and spread those of a link in the plane over its components."""
+    able = list(itertools.compress(names, driven))
+    found = dict[str, Bounds]()
+    for name, bounds in stroke.items():
+        columns = [column for column in names if name in (column, column.partition("/")[0])]
+        if columns and not set(columns) <= set(able):
+            raise SceneError(f"stroke: {name!r} of {scene.name} is passive, and no command moves it; leave it out")
+        if not columns:
+            kind = "joints" if scene.dimension == 2 else "segments"
+            raise SceneError(f"stroke: {name!r}; the links and {kind} are {', '.join(able)}")
+        found |= dict.fromkeys(columns, check_bounds(f"stroke: {name}", bounds))
+    if not found:
+        raise SceneError(f"stroke: {{}}; it must name at least one of {', '.join(able)}")
     return found
 
 

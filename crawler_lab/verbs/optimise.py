@@ -89,8 +89,9 @@ _Stroke = Annotated[
     list[str] | None,
     typer.Option(
         metavar="[NAME=]A:B",
-        help="Bounds of rest lengths (m), strains and joint angles (rad), for all or for each by name; by default the "
-        "range of the scene's drive. In the plane link_0/x and link_0/y are the components of a link.",
+        help="Bounds of rest lengths (m), strains and joint angles (rad), for all or for each by name; what is not "
+        "named stays as it is. By default the range of the scene's drive. In the plane link_0/x and link_0/y are the "
+        "components of a link.",
     ),
 ]
 _Free = Annotated[
