@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -13,13 +13,15 @@ from crawler_model.errors import CommandError, SceneError
 from crawler_model.scene.scene import Scene
 
 from ..sweep.vary import Variations
+from .limit import TimeLimit
+from .regime import Regime
 from .space import Space
 from .unknowns import Unknowns, with_numbers
 
 Over = Literal["expected", "worst"]
 _DRAWN, _SEED = 8, 20_230
 """Bodies that a gait is judged on, and the seed with which they are drawn."""
-OTHERS, _OTHER_SEED = 64, 20_231
+_OTHERS, _OTHER_SEED = 64, 20_231
 """Bodies on which the best gait is verified."""
 _UNKNOWN = (1.0 / 3.0, 3.0)
 """Factors by which a number of which nothing is known is moved to see whether the objective depends on it."""
@@ -110,31 +112,46 @@ def spread_over(space: Space, unknowns: Unknowns, uncertain: Uncertain, over: Ov
     Raises:
         SceneError: if a number that is uncertain is unknown, too, or a body that is drawn is not valid.
     """
-    scenes = _draw(unknowns, uncertain, _SEED, _DRAWN)
+    scenes = tuple(_draw(unknowns, uncertain, _SEED, _DRAWN))
     return dataclasses.replace(space, scenes=scenes, mean=over == "expected")
 
 
-def verify(space: Space, point: np.ndarray, unknowns: Unknowns, uncertain: Uncertain, over: Over) -> Robustness:
-    """Compute the objective of a gait on bodies on which it was not sought.
+def count_bodies(uncertain: Uncertain) -> int:
+    """Count the bodies on which the best gait is verified.
+
+    Returns:
+        Their number, with those that show whether a number of which nothing is known matters.
+    """
+    return 1 + len(uncertain.unknown) * len(_UNKNOWN) + _OTHERS
+
+
+def verify(
+    space: Space, point: np.ndarray, unknowns: Unknowns, uncertain: Uncertain, over: Over, limit: TimeLimit
+) -> Robustness:
+    """Compute the objective of a gait on bodies on which it was not sought, on as many as there is time for.
 
     Args:
         point: the gait in the unit box, shape (P,).
         unknowns: of the scene with the best values.
+        limit: the time limit, with some time left.
 
     Returns:
         The values.
     """
-    others = dataclasses.replace(space, scenes=_draw(unknowns, uncertain, _OTHER_SEED, OTHERS), mean=False)
-    regimes = others.regimes(point[None])[0]
-    mean = dataclasses.replace(others, mean=True).value(regimes)
     best_fit = dataclasses.replace(space, scenes=(unknowns,), mean=False)
     at_fit = best_fit.value(best_fit.regimes(point[None])[0])
     unknown = tuple(
         name
         for name in uncertain.unknown
-        if not name.startswith(_NO_BODY) and _matters(best_fit, point, unknowns, name, at_fit)
+        if not name.startswith(_NO_BODY) and not limit.over() and _matters(best_fit, point, unknowns, name, at_fit)
     )
-    return Robustness(over, mean, others.value(regimes), at_fit, len(space.scenes), len(regimes), unknown)
+    regimes = list[Regime | None]()
+    for other in _draw(unknowns, uncertain, _OTHER_SEED, _OTHERS):
+        if regimes and limit.over():
+            break
+        regimes += dataclasses.replace(best_fit, scenes=(other,)).regimes(point[None])[0]
+    mean, worst = (dataclasses.replace(best_fit, mean=mean).value(regimes) for mean in (True, False))
+    return Robustness(over, mean, worst, at_fit, len(space.scenes), len(regimes), unknown)
 
 
 def _matters(space: Space, point: np.ndarray, unknowns: Unknowns, name: str, value: float) -> bool:
@@ -149,8 +166,8 @@ def _matters(space: Space, point: np.ndarray, unknowns: Unknowns, name: str, val
     return False
 
 
-def _draw(unknowns: Unknowns, uncertain: Uncertain, seed: int, count: int) -> tuple[Unknowns, ...]:
-    """Build the same unknowns for bodies that are drawn."""
+def _draw(unknowns: Unknowns, uncertain: Uncertain, seed: int, count: int) -> Iterator[Unknowns]:
+    """Build the same unknowns for bodies that are drawn, one after the other."""
     drawn = uncertain.draw_bodies(np.random.default_rng(seed), count)
     values = {name: column for name, column in drawn.items() if not name.startswith(_NO_BODY)}
     table = unknowns.table
@@ -163,6 +180,7 @@ def _draw(unknowns: Unknowns, uncertain: Uncertain, seed: int, count: int) -> tu
         raise SceneError("robust_to: no number of the body is uncertain; optimise without it")
     varied = Variations(unknowns.base, values, (count,))
     try:
-        return tuple(dataclasses.replace(unknowns, base=varied[k]) for k in range(count))
+        for k in range(count):
+            yield dataclasses.replace(unknowns, base=varied[k])
     except SceneError as error:
         raise SceneError(f"robust_to: a body that was drawn is not valid: {error}") from None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +18,9 @@ from crawler_model.scene.scene import Scene
 from ..derivative.sensitivities import Kink, group_kinks
 from .followed import find_followed_peak
 from .goal import WORST, Goal, best_first, measure
-from .landscape import count_samples, profile_points, value_inside
+from .landscape import MAPPED, can_be_mapped, count_samples, plane_points, profile_points, value_inside
 from .limit import OutOfTime, TimeLimit
-from .optimum import ActiveBound, Alternative, Optimum, Weakness
+from .optimum import ActiveBound, Alternative, Optimum, Plane, Weakness
 from .polish import best_step, improve, improves
 from .regime import Regime, RegimeDerivatives, differentiate_regime, find_peak
 from .request import Request
@@ -33,56 +35,88 @@ _ALTERNATIVES = 5
 _EXACT_PERIODS, _FOLLOWED_PERIODS = 1000, 50
 """Periods in which the transient of the best gait is judged at most, where a run is exact and where it is not."""
 _FACTORS = np.geomspace(1.0, 100.0, 49)[1:]
+_LOOKS = 2
+"""How often there is time to look around, as a better gait that is seen there is looked around anew."""
 _ELSE = 40
 """Candidates that peak, transient, derivatives and alternatives cost."""
 
 
-def count_candidates(unknowns: Unknowns, request: Request, bodies: int) -> int:
+def count_candidates(unknowns: Unknowns, request: Request, bodies: int) -> tuple[int, int]:
     """Count the candidates that are run after a search.
 
     Args:
-        bodies: number of bodies on which the best gait is verified.
+        bodies: number of candidates that cost as much as verifying the best gait on other bodies.
 
     Returns:
-        Their number.
+        Number of those around the best gait, and of those that follow.
     """
     size = unknowns.low.size
     around = size * (2 + count_samples(unknowns.base.dimension, size))
-    return around + _ELSE + bodies + len(request.robust or {}) * 2 * _FACTORS.size
+    if request.mapped and can_be_mapped(unknowns):
+        around += MAPPED**2
+    return _LOOKS * around, _ELSE + bodies + len(request.robust or {}) * 2 * _FACTORS.size
 
 
-def settle(space: Space, found: Found, limit: TimeLimit) -> tuple[Found, tuple[bool, ...], np.ndarray]:
+class Around(NamedTuple):
+    """What was seen around a gait.
+
+    Attributes:
+        flat: which unknowns change nothing, shape (P,).
+        lines: the objective with one unknown at a time moved between its bounds, shape (P, samples).
+        plane: the two unknowns that it depends on most, and the objective over both; None if it was not requested.
+    """
+
+    flat: tuple[bool, ...]
+    lines: np.ndarray
+    plane: Plane | None
+
+
+def settle(space: Space, found: Found, limit: TimeLimit, mapped: bool) -> Around:
     """Look around the best point of a search, and search on where it is beaten, until nothing around it is better.
 
     Args:
         found: what the search found, changed in place.
-        limit: the time limit.
+        limit: the time limit, of which some is kept for what follows.
+        mapped: whether to look over the two unknowns that matter most, too.
 
     Returns:
-        What was found, which unknowns change nothing around it, bool, shape (P,), and the objective with one unknown at
-        a time moved between its bounds, shape (P, samples), as for `landscape.profile`.
+        What is around the best point.
     """
-    evaluator = Evaluator(space, limit.over, found.evaluations)
+    kept = limit.keep(limit.last, (clock() - limit.began) / max(found.evaluations, 1))
+    evaluator = Evaluator(space, lambda: limit.over(kept), found.evaluations)
+
+    def look(points: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Compute scores and objective of points, and search on from the best one if it is better."""
+        regimes = evaluator.regimes(points)
+        scores = np.array([-math.inf if one is None else space.score(one) for one in regimes])
+        best = int(best_first(scores)[0])
+        if improves(float(scores[best]), found.score):
+            found.point, found.score = improve(evaluator, points[best], float(scores[best]), evaluator.is_over)
+            found.found_after_s = clock() - limit.began
+            found.optima.insert(0, (found.score, found.point.copy()))
+            return scores, np.zeros(0), True
+        return scores, np.array([math.nan if one is None else value_inside(space, one) for one in regimes]), False
+
     try:
         while True:
             _begin_first(evaluator, found)
             near, places = _near_moves(space, found.point), profile_points(space, found.point)
-            points = [*(point for _, point in near), *places.reshape(-1, space.size)]
-            regimes = evaluator.regimes(points)
-            scores = np.array([-math.inf if one is None else space.score(one) for one in regimes])
-            best = int(best_first(scores)[0])
-            if not improves(float(scores[best]), found.score):
+            scores, values, moved = look([*(point for _, point in near), *places.reshape(-1, space.size)])
+            if moved:
+                continue
+            lines, plane = values[len(near) :].reshape(places.shape[:2]), None
+            if mapped and can_be_mapped(space.scenes[0]):
+                pair, points = plane_points(space, found.point, lines)
+                _, values, moved = look(list(points))
+                plane = None if moved else (pair, values.reshape(MAPPED, MAPPED))
+            if not moved:
                 break
-            found.point, found.score = improve(evaluator, points[best], float(scores[best]), limit.over)
-            found.found_after_s = clock() - limit.began
-            found.optima.insert(0, (found.score, found.point.copy()))
     finally:
         evaluator.close()
         found.evaluations = evaluator.evaluations
     beside = zip(near, scores, strict=False)
     flat = {i for (i, _), score in beside if abs(score - found.score) <= _FLAT * abs(found.score)}
-    values = [math.nan if one is None else value_inside(space, one) for one in regimes[len(near) :]]
-    return found, tuple(i in flat for i in range(space.size)), np.array(values).reshape(places.shape[:2])
+    return Around(tuple(i in flat for i in range(space.size)), lines, plane)
 
 
 def _begin_first(evaluator: Evaluator, found: Found) -> None:
@@ -103,16 +137,15 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
     Returns:
         The optimum.
     """
-    found, is_flat, around = settle(space, found, limit)
+    around = settle(space, found, limit, request.mapped)
     goal, point = space.goal, found.point
     values = space.values(point)
     regime = _find_regime(space, unknowns, point)
     assert regime is not None
     scene = Scene.model_validate(unknowns.document(values))
     exact = scene.has_exact_derivatives
-    if not limit.over():
-        peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
-        regime = dataclasses.replace(regime, peak=peak)
+    peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
+    regime = dataclasses.replace(regime, peak=peak)
     patched = scene.ground.track is not None
     value = _worst_value(space, point)
     one_sided, kinks = (True, ()) if limit.over() else _find_kinks(unknowns, values, goal)
@@ -123,7 +156,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
     ]
     shown = itertools.takewhile(lambda _: not limit.over(), others[:_ALTERNATIVES])
     alternatives = [_alternative(unknowns, space, other) for _, other in shown]
-    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, is_flat))
+    flat = () if math.isnan(value) else tuple(itertools.compress(unknowns.names, around.flat))
     as_good = any(score >= found.score - _NEAR * abs(found.score) for score, _ in others)
     return Optimum(
         goal.objective,
@@ -156,8 +189,8 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
         motion=regime.motion,
         periods=goal.periods if patched else None,
         interrupted=found.interrupted,
-        around=around,
-        limit=limit,
+        around=around.lines,
+        plane=around.plane,
     )
 
 

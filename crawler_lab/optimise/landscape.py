@@ -10,13 +10,15 @@ import numpy as np
 
 from .regime import Regime
 from .space import Space
+from .unknowns import Unknowns
 
 if TYPE_CHECKING:
     from .optimum import Optimum
 
 _MOST_RUNS = {1: 2000, 2: 160}
 """By the dimension of the body: in the plane a gait takes a hundred times longer."""
-_TOGETHER = 64
+MAPPED = 41
+"""Places of each of two unknowns over which the objective is mapped."""
 
 
 def count_samples(dimension: int, count: int) -> int:
@@ -62,36 +64,51 @@ def profile(optimum: Optimum) -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(0.0, 1.0, optimum.around.shape[1]), _rounded(optimum.space, optimum.around)
 
 
-def map_plane(optimum: Optimum) -> tuple[tuple[int, int], np.ndarray, np.ndarray, np.ndarray]:
-    """Compute the objective over the two unknowns that it depends on most between their bounds.
+def can_be_mapped(unknowns: Unknowns) -> bool:
+    """Determine whether a picture shows the objective over two unknowns: in the plane that would be too many gaits.
 
     Args:
-        optimum: the optimum, with at least two unknowns.
+        unknowns: the unknowns.
 
     Returns:
-        The two unknowns; values of the first, shape (X,), and of the second, shape (Y,); the objective, shape (Y, X).
+        True on a line, for two unknowns and more.
     """
-    _, values = profile(optimum)
-    order = np.argsort(-np.ptp(np.nan_to_num(values), axis=1), kind="stable")
+    return unknowns.base.dimension == 1 and unknowns.low.size > 1
+
+
+def plane_points(space: Space, point: np.ndarray, lines: np.ndarray) -> tuple[tuple[int, int], np.ndarray]:
+    """Move the two unknowns of a candidate that the objective depends on most between their bounds.
+
+    Args:
+        point: the candidate in the unit box, shape (P,).
+        lines: the objective with one unknown at a time moved between its bounds, shape (P, samples).
+
+    Returns:
+        The two unknowns, and points in the unit box, shape (MAPPED * MAPPED, P), the first unknown changing fastest.
+    """
+    order = np.argsort(-np.ptp(np.nan_to_num(_rounded(space, lines)), axis=1), kind="stable")
     pair = int(order[0]), int(order[1])
-    part = np.linspace(0.0, 1.0, 41)
-    points = np.tile(optimum.point, (part.size, part.size, 1))
+    part = np.linspace(0.0, 1.0, MAPPED)
+    points = np.tile(point, (MAPPED, MAPPED, 1))
     points[:, :, pair[0]], points[:, :, pair[1]] = part, part[:, None]
-    table = _values(optimum, points.reshape(-1, optimum.point.size)).reshape(part.size, part.size)
+    return pair, points.reshape(-1, point.size)
+
+
+def map_plane(optimum: Optimum) -> tuple[tuple[int, int], np.ndarray, np.ndarray, np.ndarray]:
+    """Show the objective over the two unknowns that it depends on most, as the examination computed it.
+
+    Args:
+        optimum: an optimum whose plane was requested.
+
+    Returns:
+        The two unknowns; values of the first, shape (X,), and of the second, shape (Y,); the objective, shape (Y, X),
+        NaN as for `profile`.
+    """
+    assert optimum.plane is not None
+    pair, table = optimum.plane
+    part = np.linspace(0.0, 1.0, MAPPED)
     x, y = (optimum.low[i] + part * (optimum.high[i] - optimum.low[i]) for i in pair)
-    return pair, x, y, table
-
-
-def _values(optimum: Optimum, points: np.ndarray) -> np.ndarray:
-    """Compute the objective of candidates, over all scenes; NaN outside of the limits, and after the time limit."""
-    space, values = optimum.space, list[float]()
-    for first in range(0, points.shape[0], _TOGETHER):
-        part = points[first : first + _TOGETHER]
-        if optimum.limit.over():
-            values += [math.nan] * len(part)
-        else:
-            values += [value_inside(space, regimes) for regimes in space.regimes(part)]
-    return _rounded(space, np.array(values))
+    return pair, x, y, _rounded(optimum.space, table)
 
 
 def value_inside(space: Space, regimes: Sequence[Regime | None]) -> float:

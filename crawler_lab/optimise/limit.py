@@ -22,13 +22,15 @@ class TimeLimit:
     Attributes:
         began: when it began, as by `clock` [s].
         seconds: time limit, compiling aside [s]; None for none.
-        after: how many candidates are run after the search.
+        around: how many candidates are run around the best gait after the search.
+        last: how many are run after these.
         stopped: whether Ctrl-C ended it.
     """
 
     began: float
     seconds: float | None
-    after: int = 0
+    around: int = 0
+    last: int = 0
     stopped: bool = False
 
     @property
@@ -38,13 +40,16 @@ class TimeLimit:
             return 0.0
         return math.inf if self.seconds is None else self.began + self.seconds - clock()
 
-    def over(self) -> bool:
+    def over(self, kept: float = 0.0) -> bool:
         """Determine whether nothing more may begin.
 
+        Args:
+            kept: for what follows [s].
+
         Returns:
-            True as soon as no time is left.
+            True as soon as no more time than this is left.
         """
-        return self.left <= 0.0
+        return self.left <= kept
 
     def check(self, _: float = 0.0) -> None:
         """Stop a run that reports its progress.
@@ -58,14 +63,16 @@ class TimeLimit:
         if self.over():
             raise OutOfTime
 
-    def search_seconds(self, per_evaluation: float) -> float:
-        """Compute how long the search may take, so that time is left for what follows it.
+    def keep(self, candidates: int, per_evaluation: float) -> float:
+        """Compute the time to keep for candidates after the search, which together have a part of the time at most.
 
         Args:
+            candidates: how many of them.
             per_evaluation: time of a candidate so far [s].
 
         Returns:
-            The time from the beginning [s].
+            The time [s]; 0 without a limit.
         """
-        assert self.seconds is not None
-        return self.seconds - min(self.after * per_evaluation, _MOST_KEPT * self.seconds)
+        if self.seconds is None:
+            return 0.0
+        return candidates * min(per_evaluation, _MOST_KEPT * self.seconds / max(self.around + self.last, 1))

@@ -14,7 +14,7 @@ from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import expand_keys
-from .bodies import OTHERS, Over, Uncertain, check_uncertain, spread_over, verify
+from .bodies import Over, Uncertain, check_uncertain, count_bodies, spread_over, verify
 from .examine import count_candidates, finish
 from .followed import followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
@@ -48,6 +48,7 @@ def optimise(
     towards: float | None = None,
     periods: int | None = None,
     slower_than: float | None = None,
+    mapped: bool = False,
 ) -> Optimum:
     """Find the periodic drive that is best in the periodic regime; on patches of ground, over the first periods.
 
@@ -86,6 +87,8 @@ def optimise(
             its heading [degrees]; None for 0. On a line +x counts.
         periods: on patches of ground, number of periods from the start of which the mean counts; None for 10.
         slower_than: largest inertia number [1]; the period becomes as long as it needs to be, which changes no gain.
+        mapped: on a line, whether the objective over the two unknowns it depends on most is examined, too, for a
+            picture.
 
     Returns:
         The best gait; after Ctrl-C or the time limit, the best so far.
@@ -115,13 +118,14 @@ def optimise(
         towards=towards,
         periods=periods,
         slower_than=slower_than,
+        mapped=mapped,
     )
     check_slower_than(scene, slower_than)
     unknowns, space = build_space(scene, request)
     if robust_to is not None:
         space = spread_over(space, unknowns, robust_to, robust_of)
-    verified = 0 if robust_to is None else OTHERS // len(space.scenes)
-    limit = TimeLimit(began, seconds, count_candidates(unknowns, request, verified))
+    verified = 0 if robust_to is None else -(-count_bodies(robust_to) // len(space.scenes))
+    limit = TimeLimit(began, seconds, *count_candidates(unknowns, request, verified))
     found = search(space, seed, limit, first_points(unknowns), progress)
     check_found(space, found)
     limit.stopped = found.interrupted
@@ -140,7 +144,7 @@ def _conclude(
     if uncertain is None or limit.over():
         return best
     over: Over = "expected" if space.mean else "worst"
-    return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, uncertain, over))
+    return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, uncertain, over, limit))
 
 
 def _keep_slow(best: Optimum, slower_than: float | None) -> Optimum:

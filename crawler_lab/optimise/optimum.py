@@ -16,8 +16,10 @@ from crawler_model.scene.scene import Scene
 from ..derivative.sensitivities import Kink
 from .bodies import Robustness
 from .goal import OBJECTIVES
-from .limit import TimeLimit
 from .space import Space
+
+Plane = tuple[tuple[int, int], np.ndarray]
+"""Two unknowns, and the objective over both, shape (Y, X)."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,8 @@ class Optimum:
         interrupted: whether Ctrl-C ended the search.
         around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
             `landscape.profile` shows it.
-        limit: the time limit, which covers pictures, too.
+        plane: the two unknowns that the objective depends on most, and the objective over both, shape (Y, X), as
+            `landscape.map_plane` shows it; None if it was not requested.
     """
 
     objective: str
@@ -145,7 +148,7 @@ class Optimum:
     robustness: Robustness | None = None
     interrupted: bool = False
     around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    limit: TimeLimit = field(default_factory=lambda: TimeLimit(0.0, None))
+    plane: Plane | None = None
 
     @functools.cached_property
     def inertia(self) -> Inertia | None:

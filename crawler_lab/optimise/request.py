@@ -45,6 +45,7 @@ class Request(NamedTuple):
     towards: float | None = None
     periods: int | None = None
     slower_than: float | None = None
+    mapped: bool = False
 
 
 def build_unknowns(scene: Scene, request: Request) -> Unknowns:

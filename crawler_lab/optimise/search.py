@@ -123,7 +123,8 @@ class _Search:
         if self.limit.seconds is None:
             return self.evaluator.evaluations >= MOST_EVALUATIONS
         now = clock()
-        most = self.limit.search_seconds((now - self.began) / max(self.evaluator.evaluations, 1))
+        each = (now - self.began) / max(self.evaluator.evaluations, 1)
+        most = self.limit.seconds - self.limit.keep(self.limit.around + self.limit.last, each)
         self.report((now - self.limit.began) / most)
         return now - self.limit.began >= most
 

@@ -22,6 +22,8 @@ from .unknowns import Unknowns
 
 _CHUNK = 64
 """Candidates that are run in one compiled call."""
+_LONGEST = 0.05
+"""Time that such a call may take where there is a time limit [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +220,8 @@ class Evaluator:
         """Start the threads, one per core.
 
         Args:
-            over: tells that the time limit is reached, after which no candidates but the very first are run; None
-                without a limit.
+            over: tells that the time limit is reached, after which no candidates but the very first ones are run;
+                None without a limit.
             evaluations: how many candidates were run before.
         """
         self.space, self.over = space, over
@@ -228,6 +230,7 @@ class Evaluator:
         self.best = np.zeros(0), -math.inf, 0.0
         """The best of them, shape (P,), its score, and when it was found, as by `clock` [s]."""
         self._lock = threading.Lock()
+        self._each = math.inf
         threads = available_cores()
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
@@ -252,20 +255,35 @@ class Evaluator:
         Returns:
             For each candidate those on all scenes; None for those that the time limit leaves out.
         """
-        first = self.evaluations == 0
-        together = _CHUNK if self.space.scenes[0].base.dimension == 1 else 1  # in the plane they run one by one
+        if math.isinf(self._each) and self._may_wait and len(points) > 1 and not self.is_over():
+            return self.regimes(points[:1]) + self.regimes(points[1:])
+        first = self.evaluations < 2
+        together = self._count_together()
         parts = [points[i : i + together] for i in range(0, len(points), together)]
 
         def follow(i: int) -> list[list[Regime | None] | None]:
-            left_out = self.over is not None and self.over() and not (first and i == 0)
+            left_out = self.is_over() and not (first and i == 0)
             return [None] * len(parts[i]) if left_out else self._run(parts[i])
 
         run = map if self._pool is None or len(parts) < 2 else self._pool.map
         return [regimes for part in run(follow, range(len(parts))) for regimes in part]
 
+    @property
+    def _may_wait(self) -> bool:
+        """Whether a time limit has to wait for candidates that are run together; those in the plane are not."""
+        return self.over is not None and self.space.scenes[0].base.dimension == 1
+
+    def _count_together(self) -> int:
+        """Count the candidates of a compiled call, between which the time limit is looked at."""
+        if self._may_wait:
+            return int(np.clip(_LONGEST / max(self._each, 1e-9), 1, _CHUNK))
+        return _CHUNK if self.space.scenes[0].base.dimension == 1 else 1
+
     def _run(self, points: Sequence[np.ndarray]) -> list[list[Regime | None] | None]:
         """Follow some candidates, which Ctrl-C does not lose."""
+        begin = clock()
         found = self.space.regimes(np.array(points))
+        self._each = (clock() - begin) / len(points)
         with self._lock:
             self.evaluations += len(points)
             for point, regimes in zip(points, found, strict=True):
@@ -285,6 +303,14 @@ class Evaluator:
         """
         self.evaluations += 1
         return self.space.slopes(point)
+
+    def is_over(self) -> bool:
+        """Determine whether the time limit is reached.
+
+        Returns:
+            False without a limit.
+        """
+        return self.over is not None and self.over()
 
     def close(self) -> None:
         """End the threads."""

@@ -45,7 +45,8 @@ _MOST_LINES, _NAMED = 40, 4
 def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     """Draw an optimal gait: commands and motion over two periods, and the objective around it.
 
-    In the plane the motion is seen from above, and the objective over two unknowns, many gaits, is left out.
+    In the plane the motion is seen from above, and the objective over two unknowns, many gaits, is left out, as where
+    the examination did not compute it.
 
     Args:
         optimum: the gait.
@@ -141,7 +142,7 @@ def _draw_profiles(axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> No
 
 def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> None:
     """Draw the objective over the two unknowns that matter most."""
-    if len(optimum.names) < 2:
+    if optimum.plane is None:
         axis.set_axis_off()
         return
     pair, x, y, values = map_plane(optimum)

@@ -223,11 +223,10 @@ def optimise_command(
         if compromises:
             found = pareto(loaded, progress=progress, **limits)
         else:
+            limits["mapped"] = png is not None
             found = optimise(loaded, objective.value, progress=_tell(progress), target=motion, **limits)
     drive = found.points[0].scene.document()["drive"] if isinstance(found, Front) else found.scene.document()["drive"]
     note_left_out(loaded, drive)
-    if not isinstance(found, Front):
-        found.limit.seconds = seconds
     _write(found, out, png)
     _print(found, as_json, {"scene": out, "picture": png})
     if found.interrupted:

@@ -15,7 +15,7 @@ from crawler_lab.optimise.goal import Goal
 from crawler_lab.optimise.limit import TimeLimit
 from crawler_lab.optimise.optimise import build_space
 from crawler_lab.optimise.request import Request
-from crawler_lab.optimise.search import _Search, search
+from crawler_lab.optimise.search import _STALE_ROUNDS, _Search, search
 from crawler_lab.optimise.space import Space
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
@@ -155,9 +155,10 @@ def test_a_rate_limits_the_stroke():
     assert "rate" in [bound.name for bound in found.active_bounds]
 
 
-def test_optima_beside_the_best_one_keep_the_limits():
+def test_optima_beside_the_best_one_keep_the_limits(monkeypatch):
+    monkeypatch.setitem(_STALE_ROUNDS, 1, 2)
     bounds = {"drive.actuation": (-0.2, 0.25)}
-    found = optimise(load_scene("two_contacts_anisotropic"), free=bounds, rate=0.3, seconds=3.0)
+    found = optimise(load_scene("two_contacts_anisotropic"), free=bounds, rate=0.3)
     assert found.value == pytest.approx(0.13, abs=1e-9)
     assert all(other.value <= found.value + 1e-9 for other in found.alternatives)
 
@@ -211,9 +212,7 @@ def test_robust_counts_the_worst_corner_and_names_the_change_that_stops_the_gait
 @pytest.mark.parametrize("kind", ["free", "robust"])
 def test_a_slope_may_be_0_beside_others(kind):
     """Only a slope that is not 0 loads a scene that states no loads."""
-    found = optimise(
-        "slope_climber", waypoints=2, stroke=(0.0, 0.1), seconds=0.5, **{kind: {"ground.slope": (0.0, 1.0)}}
-    )
+    found = optimise("slope_climber", waypoints=2, stroke=(0.0, 0.1), **{kind: {"ground.slope": (0.0, 1.0)}})
     assert simulate(found.scene, 6.0).per_period[-1] == pytest.approx(found.gain, abs=1e-9)
     if kind == "free":  # downhill is harder for nobody: level ground is the best in this range
         assert found.values[found.names.index("ground.slope")] == pytest.approx(0.0, abs=1e-9)
@@ -295,7 +294,8 @@ def test_ctrl_c_keeps_the_best_so_far():
 def test_a_time_limit_ends_the_search():
     found = optimise(chain(4), stroke=(0.0, 0.1), seconds=0.01)
     assert not found.complete
-    assert found.value > 0.0
+    assert found.evaluations < 500
+    assert found.value >= 0.0
 
 
 @pytest.mark.slow

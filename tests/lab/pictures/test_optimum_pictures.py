@@ -13,6 +13,7 @@ pytest.importorskip("cma")
 from matplotlib.figure import Figure
 
 from crawler_lab import Optimum, optimise
+from crawler_lab.optimise.search import _STALE_ROUNDS
 from crawler_lab.pictures.optimum import draw_optimum
 from crawler_model import Scene, load_scene
 from crawler_pictures.colors import LINES
@@ -33,7 +34,7 @@ def draw(best: Optimum) -> Figure:
 @pytest.fixture(scope="module")
 def figure() -> Figure:
     scene = Scene.model_validate({"name": "worm", "body": BODY, "friction": {"forward": 0.02, "backward": 0.06}})
-    return draw(optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01)))
+    return draw(optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01), mapped=True))
 
 
 def panel(figure: Figure, title: str):
@@ -91,10 +92,11 @@ def test_commands_and_motion_are_drawn_as_on_the_page_of_a_run(figure):
     assert [text.get_text() for text in motion.texts] == ["0", "1", "2"]
 
 
-def test_in_the_plane_two_periods_are_seen_from_above():
+def test_in_the_plane_two_periods_are_seen_from_above(monkeypatch):
     """The scissors turn about their hinge, the first point, by 0.76 rad a period."""
+    monkeypatch.setitem(_STALE_ROUNDS, 2, 1)
     free = {"drive.actuation[1][2]": (0.0, 0.8)}
-    figure = draw(optimise(load_scene("scissors"), "turn", free=free, seconds=5.0))
+    figure = draw(optimise(load_scene("scissors"), "turn", free=free))
     above, profile = panel(figure, "from above"), panel(figure, "around the optimum (dots)")
     assert panel(figure, "command: change of rest angle")
     paths = {line.get_color(): line.get_xydata() for line in above.get_lines() if len(line.get_xydata()) == 121}
