@@ -32,13 +32,16 @@ def improves(new: float, old: float) -> bool:
     return new > old + _GAIN * max(abs(old), 1e-3)
 
 
-def improve(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+def improve(
+    evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop, smallest: float = _SMALLEST_STEP
+) -> tuple[np.ndarray, float]:
     """Search locally, by flips and climbs in turns, for as long as that is better.
 
     Args:
         evaluator: computes scores and derivatives.
         point: where to begin, shape (P,).
         score: its score [m, rad or 1].
+        smallest: steps at which climbs end, in the unit box [1].
 
     Returns:
         The best point, and its score.
@@ -46,7 +49,7 @@ def improve(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -
     while not stop():
         before = score
         point, score = flip(evaluator, point, score, stop)
-        point, score = climb(evaluator, point, score, stop)
+        point, score = climb(evaluator, point, score, stop, smallest)
         if not improves(score, before):
             break
     return point, score
@@ -123,17 +126,20 @@ def _moved(space: Space, point: np.ndarray, moves: list[tuple[int, float]]) -> n
     return space.repair(moved)
 
 
-def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
-    """Follow the exact derivatives within trust regions of several sizes.
+def climb(
+    evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop, smallest: float = _SMALLEST_STEP
+) -> tuple[np.ndarray, float]:
+    """Follow the exact derivatives within trust regions.
 
-    The score is piecewise smooth. Each step maximises the least of several planes: those of all scores and, where no
-    step along them is better, those of points on the other side of the kink, too. Without derivatives, see
+    The score is piecewise smooth. A step maximises the least of several planes: those of all scores and, where neither
+    this step nor a part of it is better, those of points on the other side of the kink, too. Without derivatives, see
     `_search_around`.
 
     Args:
         evaluator: computes scores and derivatives.
         point: where to begin, shape (P,).
         score: its score [m, rad or 1].
+        smallest: step at which it ends, in the unit box [1].
 
     Returns:
         The best point, and its score.
@@ -141,14 +147,15 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
     space = evaluator.space
     radius = _LARGEST_STEP
     planes: list[tuple[np.ndarray, float, np.ndarray]] = []
-    while radius > _SMALLEST_STEP and not stop():
+    while radius > smallest and not stop():
         if not planes:
             planes = [(point, value, slope) for value, slope in evaluator.slopes(point)]
             if not planes:
-                return _search_around(evaluator, point, score, stop)
+                return _search_around(evaluator, point, score, stop, max(smallest, _SMALLEST_MOVE))
             corner = len(planes)
         sizes = radius * 0.25 ** np.arange(4)
-        steps = [space.repair(best_step(space, point, planes, size)) for size in sizes]
+        whole = best_step(space, point, planes, radius) - point
+        steps = [space.repair(point + part * whole) for part in sizes / radius]
         scores = evaluator.scores(steps)
         best = int(best_first(scores)[0])
         if improves(float(scores[best]), score):
@@ -165,10 +172,12 @@ def climb(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> 
     return point, score
 
 
-def _search_around(evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop) -> tuple[np.ndarray, float]:
+def _search_around(
+    evaluator: Evaluator, point: np.ndarray, score: float, stop: Stop, smallest: float
+) -> tuple[np.ndarray, float]:
     """Search without derivatives (compass search): move single unknowns by steps, halved where none is better."""
     radius = 0.5 * _LARGEST_STEP
-    while radius > _SMALLEST_MOVE and not stop():
+    while radius > smallest and not stop():
         steps = radius * np.vstack((np.eye(point.size), -np.eye(point.size)))
         moved = [evaluator.space.repair(point + step) for step in steps]
         scores = evaluator.scores(moved)

@@ -26,8 +26,18 @@ MOST_EVALUATIONS = 30_000
 _KEPT = 32
 _FLIPPED, _CLIMBED = 12, 3
 """How many of the best random points are improved by flips, and how many of these by derivatives."""
+_HOPS = {1: 4, 2: 1}
+"""Local searches from changed or mixed optima in a round, by the dimension of the body."""
+_TRIED = 8
+"""Changed or mixed optima of which the best one begins a local search."""
+_COARSE, _ALIKE = 1e-2, 5e-2
+"""Step at which a local search ends at first, and distance within which it then leads to an optimum that is known."""
 _SAME = 1e-3
 """Gaits whose unknowns differ by less than this part of their bounds are the same."""
+
+
+Scored = tuple[float, np.ndarray]
+"""A score, and its point."""
 
 
 @dataclass
@@ -45,7 +55,7 @@ class Found:
 
     point: np.ndarray
     score: float
-    optima: list[tuple[float, np.ndarray]] = field(default_factory=list)
+    optima: list[Scored] = field(default_factory=list)
     evaluations: int = 0
     found_after_s: float = 0.0
     interrupted: bool = False
@@ -103,6 +113,7 @@ class _Search:
         self.began = clock()
         self.progress = progress
         self.part = 0.0
+        self.pool: list[Scored] = []
         self.found = Found(space.repair(np.full(space.size, 0.5)), -np.inf)
 
     def go(self, begin: list[np.ndarray]) -> None:
@@ -140,22 +151,50 @@ class _Search:
             self.found.found_after_s = (clock() if when is None else when) - self.began
 
     def round(self, number: int, begin: list[np.ndarray]) -> None:
-        """Search once: from random points and waves, from a changed optimum, or by CMA-ES around one."""
+        """Search once: from random points and waves, from mixed or changed optima, or by CMA-ES around the best."""
         kind = number % 4
         if kind == 0:
-            points = [self.space.repair(point) for point in (*begin, *self.random_points(), *self.waves())]
-            scores = self.evaluator.scores(points)
-            flipped = []
-            for k in best_first(scores)[:_FLIPPED]:
-                point, score = flip(self.evaluator, points[int(k)], float(scores[k]), self.over)
-                self.note(point, score)
-                flipped.append((point, score))
-            for k in best_first([score for _, score in flipped])[:_CLIMBED]:
-                self.improve(*flipped[int(k)])
+            self.start_anew(begin)
         elif kind == 2:
             self.improve(*self.evolve(self.found.point, self.found.score))
         else:
-            self.improve(*self.kick())
+            for _ in range(_HOPS[self.space.scenes[0].base.dimension]):
+                if not self.over():
+                    self.hop(self.mixed if kind == 1 else self.changed)
+
+    def start_anew(self, begin: list[np.ndarray]) -> None:
+        """Improve the best of random points and waves."""
+        points = [self.space.repair(point) for point in (*begin, *self.random_points(), *self.waves())]
+        scores = self.evaluator.scores(points)
+        flipped = []
+        for k in best_first(scores)[:_FLIPPED]:
+            point, score = flip(self.evaluator, points[int(k)], float(scores[k]), self.over)
+            self.note(point, score)
+            flipped.append((point, score))
+            self.pool = self.with_one(self.pool, point, score)
+        for k in best_first([score for _, score in flipped])[:_CLIMBED]:
+            self.climb(*flipped[int(k)])
+
+    def hop(self, draw: Callable[[], np.ndarray]) -> None:
+        """Search locally from the best of some points that are drawn."""
+        points = [self.space.repair(draw()) for _ in range(_TRIED)]
+        scores = self.evaluator.scores(points)
+        k = int(best_first(scores)[0])
+        self.climb(points[k], float(scores[k]))
+
+    def climb(self, point: np.ndarray, score: float) -> None:
+        """Search locally with coarse steps, and on with fine ones unless that leads to an optimum that is known."""
+        point, score = improve(self.evaluator, point, score, self.over, _COARSE)
+        if not self.is_known(point, score):
+            self.improve(point, score)
+
+    def is_known(self, point: np.ndarray, score: float) -> bool:
+        """Determine whether a point that was found coarsely leads to one of the optima."""
+        shape, canonical = self.space.canonical(point), self.space.canonical
+        return any(
+            not improves(score, best) and np.abs(canonical(other) - shape).max(initial=0.0) < _ALIKE
+            for best, other in self.found.optima
+        )
 
     def improve(self, point: np.ndarray, score: float) -> None:
         """Search locally, and keep the local optimum."""
@@ -167,8 +206,13 @@ class _Search:
     def keep(self, point: np.ndarray, score: float) -> None:
         if score == -np.inf and self.found.optima:
             return
-        optima = sorted([*self.found.optima, (score, point.copy())], key=lambda pair: -pair[0])
-        self.found.optima = distinct(optima, self.space.canonical)[:_KEPT]
+        self.found.optima = self.with_one(self.found.optima, point, score)
+        self.pool = self.with_one(self.pool, point, score)
+
+    def with_one(self, optima: list[Scored], point: np.ndarray, score: float) -> list[Scored]:
+        """Put a point among others, the best first, of which equal ones and the last ones are left out."""
+        optima = sorted([*optima, (score, point.copy())], key=lambda pair: -pair[0])
+        return distinct(optima, self.space.canonical)[:_KEPT]
 
     def random_points(self) -> list[np.ndarray]:
         """Draw points, half of them at corners of the box."""
@@ -214,22 +258,39 @@ class _Search:
                     found.append(np.concatenate((keys, rows.ravel())))
         return found
 
-    def kick(self) -> tuple[np.ndarray, float]:
-        """Change one of the best optima at random."""
-        best = self.found.optima[int(self.random.integers(0, min(3, len(self.found.optima))))][1]
-        points = []
-        for _ in range(8):
-            point = best.copy()
-            changed = self.random.random(point.size) < self.random.choice([0.1, 0.2, 0.4])
-            changed[int(self.random.integers(0, point.size))] = True
-            ends = self.random.integers(0, 2, point.size).astype(np.float64)
-            point[changed] = np.where(self.random.random(point.size) < 0.7, ends, self.random.random(point.size))[
-                changed
-            ]
-            points.append(self.space.repair(point))
-        scores = self.evaluator.scores(points)
-        k = int(best_first(scores)[0])
-        return points[k], float(scores[k])
+    def parent(self) -> np.ndarray:
+        """Draw one of the best points that flips do not improve, the better ones more often."""
+        return self.pool[int(len(self.pool) * self.random.random() ** 2)][1].copy()
+
+    def changed(self) -> np.ndarray:
+        """Change some unknowns of an optimum."""
+        point = self.parent()
+        changed = self.random.random(point.size) < self.random.choice([0.1, 0.2, 0.4])
+        changed[int(self.random.integers(0, point.size))] = True
+        ends = self.random.integers(0, 2, point.size).astype(np.float64)
+        drawn = np.where(self.random.random(point.size) < 0.7, ends, self.random.random(point.size))
+        return np.where(changed, drawn, point)
+
+    def mixed(self) -> np.ndarray:
+        """Mix two optima: some numbers, and some waypoints or some links, of one and the rest of the other.
+
+        The other one begins at any waypoint, or is its image in time or along the body.
+        """
+        point, other = self.parent(), self.parent()
+        (numbers, rows), (more, others) = (self.space.scenes[0].split(one) for one in (point, other))
+        numbers = np.where(self.random.random(numbers.size) < 0.5, numbers, more)
+        table = self.space.scenes[0].table
+        if table is None or rows is None or others is None:
+            return numbers
+        others = np.roll(others, int(self.random.integers(0, len(others))), axis=0)
+        image = self.random.integers(0, 4)
+        if image == 1:
+            others = others[::-1]
+        elif image == 2:
+            others = np.hstack((others[:, : table.links][:, ::-1], others[:, table.links :][:, ::-1]))
+        across = self.random.random() < 0.5
+        taken = self.random.random((1, rows.shape[1]) if across else (len(rows), 1)) < 0.5
+        return np.concatenate((numbers, np.where(taken, rows, others).ravel()))
 
     def evolve(self, point: np.ndarray, score: float) -> tuple[np.ndarray, float]:
         """Run CMA-ES around a point."""
@@ -261,9 +322,7 @@ class _Search:
         return point, score
 
 
-def distinct(
-    optima: list[tuple[float, np.ndarray]], canonical: Callable[[np.ndarray], np.ndarray]
-) -> list[tuple[float, np.ndarray]]:
+def distinct(optima: list[Scored], canonical: Callable[[np.ndarray], np.ndarray]) -> list[Scored]:
     """Leave out optima that are the same gait.
 
     Args:
@@ -273,7 +332,7 @@ def distinct(
     Returns:
         The distinct ones.
     """
-    kept: list[tuple[float, np.ndarray]] = []
+    kept: list[Scored] = []
     shapes: list[np.ndarray] = []
     for score, point in optima:
         shape = canonical(point)
