@@ -280,6 +280,26 @@ def test_nothing_depends_on_threads_or_on_numpys_own_random_numbers(monkeypatch)
     assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002
 
 
+def test_a_mixed_gait_takes_whole_waypoints_or_whole_links_of_two_optima():
+    run = _Search(space_of(chain(4), stroke=(0.0, 0.1)), 0, TimeLimit(0.0, None), None, None)
+    run.pool = [(1.0, np.ones(18)), (0.5, np.zeros(18))]
+    rows = [run.mixed().reshape(6, 3) for _ in range(200)]
+    by_waypoints = [np.ptp(one, axis=1).max() == 0.0 for one in rows]
+    by_links = [np.ptp(one, axis=0).max() == 0.0 for one in rows]
+    assert all(np.logical_or(by_waypoints, by_links))
+    mixed = [np.ptp(one) > 0.0 for one in rows]
+    assert np.logical_and(mixed, by_waypoints).sum() > 10
+    assert np.logical_and(mixed, by_links).sum() > 10
+
+
+def test_a_gait_that_was_found_coarsely_is_known_near_an_optimum_unless_it_is_better():
+    run = _Search(space_of(chain(4), stroke=(0.0, 0.1)), 0, TimeLimit(0.0, None), None, None)
+    run.found.optima = [(1.0, np.ones(18))]
+    assert run.is_known(np.full(18, 0.99), 0.98)
+    assert not run.is_known(np.full(18, 0.99), 1.01)
+    assert not run.is_known(np.full(18, 0.9), 0.98)
+
+
 def test_ctrl_c_keeps_the_best_so_far():
     def stop(part: float) -> None:
         if part > 0.1:
