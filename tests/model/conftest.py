@@ -61,6 +61,8 @@ LONG = (
     "test_planar_loads.py::test_a_load_on_all_contacts*",
     "test_planar_loads.py::test_random_ramps*",
     "test_planar_loads.py::test_the_energy_balance*",
+    "test_planar_stiff.py::test_forces_of*",
+    "test_planar_stiff.py::test_stiff_ramps*",
     "test_planar_tolerance.py::test_random_ramps*",
     "test_scene.py::test_every_gallery_scene*segment*",
     "test_scene.py::test_every_gallery_scene*hybrid*",
@@ -68,6 +70,7 @@ LONG = (
     "test_sensitivities.py::test_random_crawlers*[[]??]",
     "test_sensitivities.py::test_random_crawlers*[[][0379]]",
     "test_scene.py::test_the_scenes_of_the_docs*trunk_and_foot*",
+    "test_turning_laws.py::test_a_body_that_creeps*",
 )
 """Tests that take seconds to hours with interpreted kernels; whatever they alone would reach has a shorter test."""
 
