@@ -43,6 +43,14 @@ def test_they_are_plain_rclpy_with_standard_messages(module):
     assert imported <= standard | set(sys.stdlib_module_names)
 
 
+@pytest.mark.parametrize("module", [speed_control, phase_control, path_control])
+def test_help_is_their_docstring(module, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["control", "--help"])
+    for arguments in (None, ["-h"]):
+        module.main(arguments)
+        assert capsys.readouterr().out == f"{module.__doc__}\n"
+
+
 @pytest.mark.parametrize(
     "kind", [speed_control.SpeedControl, phase_control.PhaseControl, path_control.PathControl], ids=lambda k: k.__name__
 )

@@ -158,6 +158,7 @@ def test_text_names_the_change_that_stops_the_gait(scene, capsys):
     status, out, _ = run(capsys, "optimise", "mine.yaml", *arguments)
     assert status == 0
     assert "gain per period 0.052 m, the worst over the box" in out
+    assert "no gait within these bounds" not in out
     assert "no longer moves forward when friction.forward changes by the factor 2.5" in out
 
 

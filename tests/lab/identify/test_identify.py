@@ -20,7 +20,8 @@ from crawler_lab.identify.fit.space import build_space
 from crawler_lab.identify.judge.verdicts import find_structure
 from crawler_lab.identify.replica.replica import Replica
 from crawler_lab.identify.sensor.sensor import PERFECT
-from crawler_model import CrawlerError, Scene, simulate
+from crawler_model import CrawlerError, Scene, load_scene, simulate
+from crawler_model.body.drive import NS
 
 from .synthetic import chain, measure, scaled, walk
 
@@ -154,6 +155,22 @@ def test_a_known_load_fixes_the_scale() -> None:
     assert found.model_fits, found.where
     assert check_honest(found, document, 1e-9) >= 4
     assert not any(p.verdict == "ratio" for p in found.parameters)
+
+
+@pytest.mark.parametrize(("key", "wrong"), [("ground.slope", 8.0), ("body.weights", 1.1)])
+def test_slopes_and_weights_are_found(key: str, wrong: float) -> None:
+    truth = load_scene("slope_climber")
+    run = simulate(truth, 3.0, 20.0)
+    rows = truth.drive.sample(np.rint(run.time * NS).astype(np.int64))[:, :1]
+    values = truth.body.position + run.displacement
+    measured = Measurements("run", run.time, ("contact_0", "contact_1"), values, ("link_0",), rows, run.time)
+    document = truth.document()
+    part, name = key.split(".")
+    right, document[part][name] = document[part][name], wrong
+    (found,) = identify(Scene.model_validate(document), [measured], [key], starts=1, seconds=0.0).parameters
+    assert found.value == pytest.approx(right, rel=1e-9)
+    assert found.interval == pytest.approx((right, right), rel=1e-4)
+    assert found.interval[0] < right < found.interval[1]
 
 
 def test_several_recordings_with_offsets_and_delays_are_fitted_together() -> None:
