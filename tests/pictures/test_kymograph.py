@@ -144,10 +144,11 @@ def test_rows_of_tensions_are_named_as_the_commands_are(axis, names, label, tick
         assert dict(zip(axis.get_yticks(), (t.get_text() for t in axis.get_yticklabels()), strict=True)) == ticks
 
 
-def test_what_is_only_rounding_is_drawn_flat(axis):
+@pytest.mark.parametrize(("size", "room"), [(1.0, 0.1), (2.0, 0.2)])
+def test_what_is_only_rounding_is_drawn_flat(axis, size, room):
     axis.plot([0.0, 1.0], [0.0, 1e-13])
-    label_values(axis, "y", "m", 1.0)
-    assert axis.get_ylim()[1] - axis.get_ylim()[0] >= 0.1
+    label_values(axis, "y", "m", size)
+    assert np.ptp(axis.get_ylim()) == pytest.approx(room)
 
 
 def test_bars_of_rounding_are_not_drawn():
