@@ -49,6 +49,7 @@ setup(
             "optimise = crawler_lab.verbs.optimise:optimise_command",
             "play = crawler_lab.verbs.play:play",
             "predict = crawler_lab.verbs.identify.predict:predict_command",
+            "springs = crawler_lab.verbs.springs:springs_command",
             "sweep = crawler_lab.verbs.sweep:sweep",
             "warm = crawler_lab.verbs.warm:warm",
         ],

@@ -49,11 +49,12 @@ class Table:
         return ",".join(self.names[:MOST_NAMED]) + (",..." if len(self.names) > MOST_NAMED else "")
 
 
-def open_table(path: Path) -> Table:
+def open_table(path: Path, headless: Sequence[str] = ()) -> Table:
     """Open a CSV table (delimiter `,`, `;` or tab, comments after `#`, UTF-8) or a Parquet table.
 
     Args:
         path: the file; a name that ends in .parquet is Parquet, any other CSV.
+        headless: names of the first columns of a CSV table that may begin with numbers instead of a header.
 
     Returns:
         The table.
@@ -69,7 +70,7 @@ def open_table(path: Path) -> Table:
     kind = "Parquet" if path.suffix.lower() == PARQUET else "CSV"
     try:
         if kind == "CSV":
-            return _open_csv(path)
+            return _open_csv(path, headless)
         cells = parquet.read_table(path)
         names = tuple(str(name).strip() for name in cells.column_names)
         return Table(path, names, cells, np.arange(cells.num_rows), False)
@@ -80,7 +81,7 @@ def open_table(path: Path) -> Table:
         raise MeasurementError(f"{path}: not a {kind} table with a header ({reason})") from None
 
 
-def _open_csv(path: Path) -> Table:
+def _open_csv(path: Path, headless: Sequence[str]) -> Table:
     """Read all cells as text; the header determines the delimiter."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
@@ -92,8 +93,12 @@ def _open_csv(path: Path) -> Table:
     splits = {one: next(csv.reader([header], delimiter=one), []) for one in _DELIMITERS}
     delimiter = next((one for one in _DELIMITERS if len(splits[one]) > 1), ",")
     names = tuple(name.strip() for name in splits[delimiter])
+    if headless and names and all(_is_number(name.replace(",", ".")) for name in names):
+        names = (*headless, *(f"column {place}" for place in range(len(headless), len(names))))[: len(names)]
+    else:
+        lines = lines[1:]
     numbered = [str(place) for place in range(len(names))]  # because names may occur twice
-    rows = np.array([k for k, _ in lines[1:]], np.int64)
+    rows = np.array([k for k, _ in lines], np.int64)
     if not rows.size:
         return Table(path, names, pa.table({place: pa.array([], pa.string()) for place in numbered}), rows, False)
     wrong: list[Any] = []
@@ -104,7 +109,7 @@ def _open_csv(path: Path) -> Table:
 
     try:
         cells = arrow_csv.read_csv(
-            io.BytesIO("\n".join(line for _, line in lines[1:]).encode()),
+            io.BytesIO("\n".join(line for _, line in lines).encode()),
             read_options=arrow_csv.ReadOptions(column_names=numbered, use_threads=False),  # an error then has its row
             parse_options=arrow_csv.ParseOptions(delimiter=delimiter, invalid_row_handler=note_wrong),
             convert_options=arrow_csv.ConvertOptions(column_types=dict.fromkeys(numbered, pa.string())),

@@ -44,7 +44,7 @@ def read_table(
     """
     tables = [open_table(one) for one in (path, commands) if one is not None]
     _check_columns(scene, tables, columns or {})
-    tables = [_rename(table, columns or {}) for table in tables]
+    tables = [rename_columns(table, columns or {}) for table in tables]
     first = tables[0]
     _check_time(first)
     known = channel_names(scene)
@@ -61,9 +61,9 @@ def read_table(
         names, command_time, rows = _read_commands(tables[1])
         number_of_row = tables[1].rows
     command_time, rows = _given(tables[-1].path.name, names, command_time[:, 0], rows, number_of_row)
-    _list_unread(first, ["time", *channels, *_commands_of(first)])
+    list_unread(first, ["time", *channels, *_commands_of(first)])
     if commands is not None:
-        _list_unread(tables[1], ["time", *names])
+        list_unread(tables[1], ["time", *names])
     layout = scene.columns
     lengths = [_COMMAND + name for name in layout.names[: int(layout.actuation_sizes[: layout.links].sum())]]
     return Measurements(
@@ -91,8 +91,16 @@ def _check_columns(scene: Scene, tables: list[Table], columns: Mapping[str, str]
             )
 
 
-def _rename(table: Table, columns: Mapping[str, str]) -> Table:
-    """Give the columns our names; a column of our name is not used where another takes its place."""
+def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
+    """Give the columns our names; a column of our name is not used where another takes its place.
+
+    Args:
+        table: the table.
+        columns: names in the table by ours.
+
+    Returns:
+        The table with our names.
+    """
     here = {theirs: ours for ours, theirs in columns.items() if theirs in table.names}
     taken = set(here.values())
     names = (here.get(name, "" if name in taken else name) for name in table.names)
@@ -124,7 +132,13 @@ def _read_commands(table: Table) -> tuple[list[str], np.ndarray, np.ndarray]:
     return names, numbers[:, :1], numbers[:, 1:]
 
 
-def _list_unread(table: Table, read: Sequence[str]) -> None:
+def list_unread(table: Table, read: Sequence[str]) -> None:
+    """List the columns of a table that are not used, one of which may be misspelt, on standard error.
+
+    Args:
+        table: the table.
+        read: names of the columns that are used.
+    """
     unread = [name for name in table.names if name and name not in read]
     if unread:
         more = f" and {len(unread) - MOST_NAMED} more" if len(unread) > MOST_NAMED else ""
