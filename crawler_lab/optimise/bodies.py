@@ -128,12 +128,12 @@ def count_bodies(uncertain: Uncertain) -> int:
 def verify(
     space: Space, point: np.ndarray, unknowns: Unknowns, uncertain: Uncertain, over: Over, limit: TimeLimit
 ) -> Robustness:
-    """Compute the objective of a gait on bodies on which it was not sought, on as many as there is time for.
+    """Compute the objective of a gait on bodies on which it was not sought, after the time limit on a few.
 
     Args:
         point: the gait in the unit box, shape (P,).
         unknowns: of the scene with the best values.
-        limit: the time limit, with some time left.
+        limit: the time limit.
 
     Returns:
         The values.
@@ -143,11 +143,11 @@ def verify(
     unknown = tuple(
         name
         for name in uncertain.unknown
-        if not name.startswith(_NO_BODY) and not limit.over() and _matters(best_fit, point, unknowns, name, at_fit)
+        if not name.startswith(_NO_BODY) and _matters(best_fit, point, unknowns, name, at_fit)
     )
     regimes = list[Regime | None]()
     for other in _draw(unknowns, uncertain, _OTHER_SEED, _OTHERS):
-        if regimes and limit.over():
+        if len(regimes) >= _DRAWN and limit.over():
             break
         regimes += dataclasses.replace(best_fit, scenes=(other,)).regimes(point[None])[0]
     mean, worst = (dataclasses.replace(best_fit, mean=mean).value(regimes) for mean in (True, False))

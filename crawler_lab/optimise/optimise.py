@@ -139,9 +139,9 @@ def optimise(
 def _conclude(
     unknowns: Unknowns, space: Space, found: Found, request: Request, limit: TimeLimit, uncertain: Uncertain | None
 ) -> Optimum:
-    """Examine the best gait, and verify it on other bodies if its own is uncertain, while time is left."""
+    """Examine the best gait, and verify it on other bodies if its own is uncertain."""
     best = _keep_slow(finish(unknowns, space, found, request, limit), request.slower_than)
-    if uncertain is None or limit.over():
+    if uncertain is None or limit.stopped:
         return best
     over: Over = "expected" if space.mean else "worst"
     return dataclasses.replace(best, robustness=verify(space, best.point, unknowns, uncertain, over, limit))

