@@ -247,7 +247,8 @@ def _estimate(target: Target, fit: Fit) -> tuple[list[Estimate], list[Element]]:
     quantile = find_quantile(freedom)
     half = np.where(fit.free, quantile * np.sqrt(np.diag(covariance)), np.nan)
     reach = x[shape.first_element + 1 :: 3]
-    stiff, soft = reach < 1.001 * target.reach[0], reach > 0.999 * target.reach[1]
+    spread = np.nan_to_num(half[shape.first_element + 1 :: 3])  # an interval that contains a bound is open there
+    stiff, soft = reach - spread < 1.001 * target.reach[0], reach + spread > 0.999 * target.reach[1]
     if soft.any():
         half[0] = np.nan  # its first force is then not known, and no offset differs from it
     numbers = [Estimate.of(x[i], x[i] - half[i], x[i] + half[i]) for i in range(shape.first_element)]
@@ -256,13 +257,13 @@ def _estimate(target: Target, fit: Fit) -> tuple[list[Estimate], list[Element]]:
         first = shape.first_element + 3 * j
         limit, part = x[first], x[first + 2]
         relative = np.array([1.0 / limit, -1.0 / reach[j]])  # of the logarithm of the stiffness f/r
-        spread = quantile * np.sqrt(relative @ covariance[first : first + 2, first : first + 2] @ relative)
+        wide = quantile * np.sqrt(relative @ covariance[first : first + 2, first : first + 2] @ relative)
         stiffness, ratio = limit / reach[j], np.exp(half[first] / limit)
-        high = np.nan if stiff[j] else stiffness * np.exp(spread)
+        high = np.nan if stiff[j] else stiffness * np.exp(wide)
         above = np.nan if soft[j] else limit * ratio
         elements.append(
             Element(
-                stiffness=Estimate.of(stiffness, stiffness * np.exp(-spread), high),
+                stiffness=Estimate.of(stiffness, stiffness * np.exp(-wide), high),
                 limit=Estimate.of(limit, limit / ratio, above),
                 start=float(limit * part),
             )

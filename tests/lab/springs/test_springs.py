@@ -106,6 +106,18 @@ def test_what_a_record_only_bounds_has_one_end():
     assert stiff.elements[0].limit.low < 0.2 < stiff.elements[0].limit.high
 
 
+def test_an_element_that_yields_once_has_no_largest_yield_whatever_the_noise():
+    """Of 15 mm in strokes of 20 mm the way out shows where it yields, with a first force that is not known."""
+    z = walk(700, (0.0, 1.0, 0.0, 0.5, 0.1, 1.0), 0.02)
+    force = 18.0 * z + stop(z, 4.0, 0.02, 0.0) + stop(z, 2.0, 0.03, 0.0)
+    for seed in range(3):
+        found = fit_springs("loop", z, force + np.random.default_rng(seed).normal(0.0, 1e-3, z.size))
+        slow = found.elements[-1].limit
+        assert slow.high is None
+        assert slow.low < 0.03
+        assert found.force_at_zero.low is None
+
+
 def test_intervals_contain_the_truth_as_often_as_they_announce():
     inside, wrong = [], 0
     for seed in range(40):
