@@ -318,6 +318,8 @@ def _sample_before(contacts, springs, model, ground, ramp):
     """Update the visited margin before borders change bounds at once, and before flat springs become stiff."""
     if ground is None and model.curves is None:
         return
+    if contacts.shape[0] > ramp.few or ramp.falling:  # `sample_margin` would do nothing, for each part
+        return
     begin_parts(contacts, springs, model, model.curves, ramp)
     while next_part(model.block, model.curves, ramp, contacts.shape[0]):
         sample_margin(contacts, springs, model, model.curves, ramp)
