@@ -33,7 +33,7 @@ arithmetic, and it is divided by the certificate's `rounding` or 1e-11, whicheve
 tolerance; "in tolerances" marks an error of each ramp divided by it, which must be at most 1; "in accuracies" does the
 same for a segment and its accuracy.
 
-The times are those of a whole case, including the construction of the scene, on {machine}, with the kernels
+The times cover a whole case, including the construction of the scene, on {machine}, with the kernels
 compiled. They were measured once; no test depends on them.
 
 | case | run on | verdict | worst error | against | time |
