@@ -82,7 +82,7 @@ def _bench_methods(case: Sequence[str], quick: bool, as_json: bool, out: Path) -
         print(text)
         return
     print_report(measured, screen)
-    screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case beside it")
+    screen.print(f"written: {out / 'speed_against_error.json'} and a picture of each case next to it")
 
 
 def _name_missing(requirements: dict[str, str]) -> None:

@@ -156,7 +156,7 @@ def _join_labels(rows: list[dict[str, Any]], x: list[float], y: list[float]) -> 
 
 
 def _draw_unfinished(axes: Any, rows: list[dict[str, Any]]) -> set[str]:
-    """Draw, beside the errors, the estimated times of methods that were stopped; return their names."""
+    """Draw, next to the errors, the estimated times of methods that were stopped; return their names."""
     rows = [row for row in rows if row["us_per_tick"] is not None and row["ticks_per_period"]]
     if not rows:
         return set()

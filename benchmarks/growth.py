@@ -46,7 +46,7 @@ def measure_growth(
 def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[str, Any]]:
     """Measure one drive on bodies of growing size, by each method until it is stopped."""
     rows: list[dict[str, Any]] = []
-    for n in drive.sizes[:3]:  # loads the kernels; those of the smallest bodies may be others
+    for n in drive.sizes[:3]:  # loads the kernels; the smallest bodies may use others
         scene, targets = drive.build(n)
         for method in drive.methods:
             Crawler(scene, method).follow(targets[:1])

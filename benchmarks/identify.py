@@ -1,4 +1,4 @@
-"""Our identification beside MuJoCo's (`mujoco.sysid`) on the same recordings.
+"""Our identification compared with MuJoCo's (`mujoco.sysid`) on the same recordings.
 
 The recordings are of three contacts whose friction is the same in both directions, as MuJoCo's is, computed by the
 exact method. Both methods get the same positions, commands, starting values and bounds.
@@ -101,7 +101,7 @@ TASKS = (
     Task("sliding", (0.2, 0.3, 0.25), (_STIFFNESS, _FRICTION), (0, 1, 2, 3, 4)),
     Task("one held", (0.1, 0.9, 0.12), (_FRICTION,), (1,)),
 )
-"""Friction with known stiffness; both, of which only ratios are determined; friction if the second contact holds."""
+"""Friction with known stiffness; both, with only ratios determined; friction if the second contact holds."""
 
 
 @dataclass(frozen=True)
@@ -172,10 +172,10 @@ def measure_identify(
 
 
 def measure_identification(steps: Sequence[int], progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Measure identification beside the peer, then the coverage of its intervals under imperfect sensors.
+    """Measure identification and the peer, then the coverage of its intervals under imperfect sensors.
 
     Returns:
-        The rows of `measure_identify`, then those of `measure_coverage`.
+        The rows of `measure_identify`, then the rows of `measure_coverage`.
     """
     robots = ROBOTS if len(steps) > 1 else QUICK_ROBOTS
     rows = measure_identify(steps, lambda part: progress(_PEER_PART * part))
@@ -248,7 +248,7 @@ def _count_rollouts() -> Iterator[list[int]]:
 
 
 class _Sysid:
-    """The method of `mujoco.sysid`, on logarithms of the values, with SciPy's trust region: the best of those tried."""
+    """The method of `mujoco.sysid`, on logarithms of the values, with SciPy's trust region: the best that was tried."""
 
     def __init__(self, sysid: Any, steps: int) -> None:
         self.sysid, self.steps = sysid, steps

@@ -1,4 +1,4 @@
-"""How far masses change the gain: bodies with masses, stepped through time with exact friction, beside the model.
+"""How far masses change the gain: the model against bodies with masses, stepped through time with exact friction.
 
 The judge is the theta method of Moreau and Jean with theta = 1/2, which has no numerical damping: in each step the
 velocities at its end minimise a strictly convex function, in which friction is exact. Links have dashpots.

@@ -144,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command; every expected error is one line on standard error.
 
     Args:
-        arguments: the verb and its arguments; None for those of the process.
+        arguments: the verb and its arguments; None for the arguments of the process.
     """
     replace_unprintable()
     try:
@@ -160,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             text = f"{text.partition(' Did you')[0]} It is now: {moved[0]}"
         elif "No such command" in text and "Did you mean" not in text:
             text += f" The commands are {', '.join(sorted(error.ctx.command.list_commands(error.ctx)))}."
-        if text:  # else the command was called alone, and its help is printed
+        if text:  # else the command was called without a verb, and its help is printed
             print(f"crawler: {text} (see crawler{verb} --help)", file=sys.stderr)
         status = 2
     except (CrawlerError, OSError) as error:
@@ -175,7 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ModuleNotFoundError as error:
         print(f"crawler: {describe_missing(error.name or str(error))}", file=sys.stderr)
         status = 1
-    except typer.Abort as error:  # typer takes the end of any file for that of an answer, which nothing here asks for
+    except typer.Abort as error:  # typer takes the end of any file for the end of an answer, though nothing here asks
         print(f"crawler: a file or a stream has ended unexpectedly: {error.__cause__}", file=sys.stderr)
         status = 1
     except KeyboardInterrupt:

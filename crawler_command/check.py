@@ -86,7 +86,7 @@ def print_report(run: Trajectory, screen: Console) -> None:
 def _print_findings(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
     if scene.ground.track is not None and scene.ground.track.borders.size:
-        screen.print("stasis domain, directions and uniqueness margin are those of the ground outside the patches")
+        screen.print("stasis domain, directions and uniqueness margin hold on the ground outside the patches")
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)
@@ -244,7 +244,7 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
 
 
 def _print_units(scene: Plan, screen: Console) -> None:
-    """Warn about lengths far beyond that of the body, most of which are due to wrong units of length or force."""
+    """Warn about lengths far beyond the body's: most are due to wrong units of length or force."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
     if length > _LONGEST:
@@ -285,7 +285,7 @@ def _print_units(scene: Plan, screen: Console) -> None:
 def _print_motion(run: Trajectory, screen: Console) -> None:
     """Print the motion along the drive."""
     scene, body = run.scene, run.scene.body
-    of = " (of the elements; that of the segment as a whole is larger)" if body.segments else ""
+    of = " (of the elements; the whole segment's is larger)" if body.segments else ""
     unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 only at instants)"
     screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
     _print_crossings(run, screen)

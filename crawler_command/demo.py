@@ -142,7 +142,7 @@ def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]
         "Next:",
         f"  {command} replay {recording}    cycles, slips and energy of this run, simulated again",
         f"  {command} scenes    the other scenes",
-        f"  {command} simulate two_anchor_a    the model alone, without ROS",
+        f"  {command} simulate two_anchor_a    only the model, without ROS",
         f"  {command} view {rrd}    the run in rerun, where there is a display",
     ]
 

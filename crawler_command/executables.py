@@ -74,7 +74,7 @@ def path_control() -> int:
 
 
 def describe_missing(*modules: str) -> str:
-    """Name the extras that install missing packages, each of which is in one extra here even if others bring it, too.
+    """Name the extras that install missing packages; each package is in one extra here, even if others bring it, too.
 
     Args:
         *modules: names of their modules.

@@ -1,4 +1,4 @@
-"""The part of the report of `crawler check` about loads: the limits of the body at rest, and those of its gait."""
+"""The part of the report of `crawler check` about loads: the limits of the body at rest, and of its gait."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _print_planar_holding(scene: Plan, screen: Console) -> None:
     if not ground.weight.any():
         return
     if loaded and not np.allclose(loads, ground.slope_load, rtol=0.0, atol=1e-12 * whole):
-        screen.print("steepest slope that it holds at rest: not computed in the plane beside other loads")
+        screen.print("steepest slope that it holds at rest: not computed in the plane with other loads")
         return
     slope = steepest_held(ground, friction[:, 0], np.zeros(scene.body.contacts))
     screen.print(f"steepest slope that it holds at rest: {_degrees(slope)} degrees uphill in every direction")

@@ -51,7 +51,7 @@ def replay(
     png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
     two_columns: TwoColumnsOption = False,
     recover: Annotated[
-        bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one beside it.")
+        bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one next to it.")
     ] = False,
     namespace: NamespaceOption = None,
     show: Annotated[

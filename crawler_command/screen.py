@@ -40,16 +40,16 @@ class Screen(Console):
         """Open the console.
 
         Args:
-            **options: those of rich's `Console`.
+            **options: options of rich's `Console`.
         """
         super().__init__(markup=False, highlight=False, **options)
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print as rich does, but tables so that they fit, and of the markup yellow text alone.
+        """Print as rich does, but tables so that they fit, and of the markup only yellow text.
 
         Args:
             *objects: what to print.
-            **options: those of `Console.print`.
+            **options: options of `Console.print`.
         """
         fitting: list[Any] = []
         for one in objects:
@@ -67,7 +67,7 @@ def _colour(line: str) -> Text:
 
 
 def fit(table: Table, screen: Console) -> list[Table]:
-    """Turn a table that is wider than a screen: its columns become lines, as many of its rows as fit beside each other.
+    """Turn a table that is wider than a screen: its columns become lines, with as many rows side by side as fit.
 
     Args:
         table: the table, whose cells are text.
@@ -250,7 +250,7 @@ def parse_slower_than(text: str) -> float:
 
 
 def parse_bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Parse options of the form KEY=A:B; A:B alone has the key "".
+    """Parse options of the form KEY=A:B; a bare A:B has the key "".
 
     Args:
         option: name of the option, for error messages.

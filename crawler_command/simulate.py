@@ -117,8 +117,8 @@ def simulate_command(
 ) -> None:
     """Run a scene offline, without ROS, and print its net translation.
 
-    In the JSON output, displacement is that of the isolated contacts, then of both ends of each segment; events counts
-    linear pieces, including ticks; energy.residual is relative to the work.
+    In the JSON output, displacement lists the isolated contacts, then both ends of each segment; events counts linear
+    pieces, including ticks; energy.residual is relative to the work.
     """
     from crawler_model import load_scene
 

@@ -26,7 +26,7 @@ def print_largest_force(run: Trajectory, screen: Console) -> None:
     tension = run.tension[:, : body.springs]
     force = np.linalg.norm(tension.reshape(*tension.shape[:2], -1), axis=2)
     z, lengths = _states(run) if body.bends else (force, force)
-    for bend in body.bends:  # the rest is carried by springs and stops beside the actuator
+    for bend in body.bends:  # passive springs and stops carry the rest
         force[:, bend.spring] = np.abs(bend.actuator(z[:, bend.spring] - lengths[:, bend.spring]))
     most, names = force.max(axis=0), name_every_spring(body)
     screen.print(f"largest force of an actuator along the drive: {most.max():.6g} N, of {names[most.argmax()]}")

@@ -72,7 +72,7 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
 
     Args:
         scene: the scene.
-        run: its run, of which the last period is drawn.
+        run: its run; the last period is drawn.
 
     Returns:
         The figure.

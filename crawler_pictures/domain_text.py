@@ -78,7 +78,7 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
-    name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand beside formulas
+    name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand next to formulas
     return f"stasis domain: {name}" + ("" if scene.ground.track is None else ", on the ground outside its patches")
 
 

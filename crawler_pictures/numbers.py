@@ -126,7 +126,7 @@ def label_values(axis: Axes, what: str, unit: str, size: float) -> float:
     """Label a vertical axis in a unit that suits its numbers; numbers that are only rounding stay flat.
 
     Args:
-        axis: the axes; its limits are those of the data.
+        axis: the axes; its limits are the limits of the data.
         what: the quantity.
         unit: unit of the data.
         size: size of the numbers from which the data were computed.

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 _OF_THE_SESSION = ("backend", "interactive", "toolbar", "figure.max_open_warning", "webagg", "tk.", "keymap.")
-"""Beginnings of settings of windows, which change no picture and stay those of the user."""
+"""Beginnings of settings of windows, which change no picture and stay as the user chose."""
 
 
 @contextmanager

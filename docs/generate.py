@@ -85,7 +85,7 @@ For the parameters of the quality of service, `qos_overrides./TOPIC...`, see [th
 ## The other nodes
 
 The gait player plays the drive of `scene`, `periods` times (0: without end). For the parameters of the controllers see
-[their description](../controllers.md#three-controllers-to-copy), for those of the policy [Learn a gait](../learn.md).
+[their description](../controllers.md#three-controllers-to-copy), for the policy's [Learn a gait](../learn.md).
 
 {others}"""
 _COMMAND = """# The crawler command

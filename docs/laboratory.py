@@ -53,7 +53,7 @@ def see(found: dict[str, Any], time: np.ndarray) -> np.ndarray:
     """Compute what the camera would show of the robot that was found, with working motors.
 
     Args:
-        found: what `crawler identify --json` printed, beside found.yaml.
+        found: what `crawler identify --json` printed, apart from found.yaml.
         time: of the frames, shape (T,) [s].
 
     Returns:

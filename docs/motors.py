@@ -34,7 +34,7 @@ def gain_of_motor(force: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def gain_beside_spring(force: np.ndarray, spring: float, a: float, stroke: float, k: float) -> np.ndarray:
-    """Compute the gain with a return spring [N/m] beside the motor, which only slides towards a bound a [N] [m]."""
+    """Compute the gain [m] with a return spring [N/m] next to the motor, which slides only towards a bound a [N]."""
     longest = np.minimum((k * stroke - a) / (k + spring), (force - a) / spring)
     shortest = np.maximum(a / (k + spring), (a - force) / spring)
     return np.maximum(0.0, longest - shortest)
@@ -69,7 +69,7 @@ def draw_jumps(axis: Axes) -> None:
 
 
 def draw_springs(axis: Axes) -> None:
-    """Draw the gain over the force of a motor beside return springs."""
+    """Draw the gain over the force of a motor with return springs."""
     scene = load_scene("stalling_inchworm")
     force, fine = np.linspace(0.2, 4.0, 58), np.linspace(0.2, 4.0, 2000)
     for spring, color in zip((0.25, 1.0, 2.0), _COLORS, strict=True):

@@ -37,7 +37,7 @@ def shifted_drives(strategy: str, amplitude: np.ndarray, shift: np.ndarray) -> d
         shift: delay of the friction, as part of a period, no multiple of 1/4, shape (M,).
 
     Returns:
-        For `vary`, side by side: eight waypoints, those of the shape and those of the friction.
+        For `vary`, side by side: eight waypoints of the shape and eight of the friction.
     """
     _, length, friction = strategy_waypoints(strategy, 1.0, 1.0, 1.0)
     times = np.sort(np.hstack((np.tile(_SHAPE, (shift.size, 1)), np.mod(_SHAPE + shift[:, None], 1.0))), axis=1)

@@ -48,7 +48,7 @@ SKINS = {
 EFFICIENCY = 0.964
 """Of an inchworm of smart soft composite: step over stroke."""
 STIFFNESS, STROKE, WEIGHT = 20.0, 0.1, 1.0
-"""Assumed where nothing was published: that of the gallery [N/m, m, N]."""
+"""Assumed where nothing was published, as in the gallery [N/m, m, N]."""
 _COLORS = {"iron": "#007d5c", "rubber": "#2f5fc4", "plastic": "#b8860b", "paper": "#a03060", "glass": "#777777"}
 
 

@@ -1,4 +1,4 @@
-"""Learn a gait with CMA-ES: a linear policy of what the sensors measure, beside the best gait of all.
+"""Learn a gait with CMA-ES: a linear policy of what the sensors measure, compared with the best gait of all.
 
 Run it with `python examples/learn_gait.py`, or with a number of environment steps: `python examples/learn_gait.py 1e6`.
 

@@ -1,4 +1,4 @@
-"""Learn a gait with PPO of Stable-Baselines3: a small network, beside the best gait of all.
+"""Learn a gait with PPO of Stable-Baselines3: a small network, compared with the best gait of all.
 
 Run it with `python examples/learn_gait_ppo.py`, or with a number of steps: `python examples/learn_gait_ppo.py 1e6`. It
 needs the extra `learn`, which brings PyTorch.

@@ -103,7 +103,7 @@ def build_planar(case: Case, tolerances: tuple[float, ...]) -> list[Entrant]:
 
 
 def catch_up_displacement(case: Case, ticks: int, count: int) -> np.ndarray:
-    """Compute the result of catch-up steps, to separate a peer's own error from that of the steps.
+    """Compute the result of catch-up steps, to separate a peer's own error from the error of the steps.
 
     Returns:
         x at the end of each quarter, shape (count, N) [m].

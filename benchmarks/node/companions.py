@@ -1,4 +1,4 @@
-"""Processes that run beside the simulator while the node is measured: a subscriber, a controller, and an empty loop.
+"""Processes that run next to the simulator while the node is measured: a subscriber, a controller, and an empty loop.
 
 python -m benchmarks.node.companions listen
 python -m benchmarks.node.companions control LINKS TRIPS

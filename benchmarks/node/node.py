@@ -94,7 +94,7 @@ def measure_latency(domain: Domain, contacts: int, rates: Sequence[float], trial
 
 
 def measure_real_time(domain: Domain, contacts: Sequence[int], seconds: float, repeats: int, steps: Steps) -> list[Row]:
-    """Measure late ticks and processor time in real time at 1 kHz, recorded, beside an empty loop at the same rate.
+    """Measure late ticks and processor time in real time at 1 kHz, recorded; an empty loop at that rate for comparison.
 
     Returns:
         The rows.

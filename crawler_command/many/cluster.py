@@ -39,7 +39,7 @@ class Cluster:
         """Number of threads of all workers."""
 
     def run(self, function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-        """Run jobs; those of a worker that dies are repeated on another.
+        """Run jobs; the jobs of a worker that dies are repeated on another.
 
         Args:
             function: a function of an installed module; workers import it.

@@ -1,4 +1,4 @@
-"""The verb `compare`: recordings and scenes beside each other."""
+"""The verb `compare`: recordings and scenes side by side."""
 
 from __future__ import annotations
 

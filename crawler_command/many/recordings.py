@@ -69,7 +69,7 @@ class Report:
     Attributes:
         finished: number of recordings that the data set held already.
         done: number of recordings that were added.
-        unhealthy: number of those in which the analysis found problems.
+        unhealthy: number of recordings in which the analysis found problems.
         skipped: why files or folders were skipped, by their names.
         left: number of recordings that were not begun or not finished, after Ctrl-C.
     """

@@ -80,7 +80,7 @@ _Towards = Annotated[
     ),
 ]
 _Periods = Annotated[
-    int | None, typer.Option(help="On patches of ground: periods from the start of which the mean counts; 10.")
+    int | None, typer.Option(help="On patches of ground: number of first periods whose mean counts; 10.")
 ]
 _Waypoints = Annotated[
     int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
@@ -98,7 +98,7 @@ _Free = Annotated[
     list[str] | None,
     typer.Option(
         metavar="KEY=A:B",
-        help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, that of "
+        help="A further unknown and its bounds: a number of the scene by its dotted key, or `friction`, of "
         "each contact at each waypoint. Repeat the option for several.",
     ),
 ]
@@ -135,7 +135,7 @@ _SlowerThan = Annotated[
     ),
 ]
 _Period = Annotated[
-    float | None, typer.Option(help="Period of the waypoints, s; by default that of the scene's drive, or 1.")
+    float | None, typer.Option(help="Period of the waypoints, s; by default the period of the scene's drive, or 1.")
 ]
 _Seconds = Annotated[
     float | None,
@@ -180,9 +180,9 @@ def optimise_command(
 
     crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
 
-    The objective is that of the periodic regime; on patches of ground, where no two periods are the same, the mean of
-    the first ones. The search ends when several rounds have found nothing better; after --seconds, or Ctrl-C (then with
-    exit status 130), the best gait so far is the result.
+    The objective belongs to the periodic regime; on patches of ground, where no two periods are the same, it is the
+    mean of the first ones. The search ends when several rounds have found nothing better; after --seconds, or Ctrl-C
+    (then with exit status 130), the best gait so far is the result.
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)
@@ -248,7 +248,7 @@ def _parse_target(text: str) -> tuple[float, float, float]:
 
 
 def _ask_about_units(strokes: dict[str, tuple[float, float]], scene: Scene) -> None:
-    """Warn about strokes far beyond the length of the body, most of which are in millimetres."""
+    """Warn about strokes far beyond the length of the body: most are in millimetres."""
     if scene.body.segments:  # strokes may be strains
         return
     length = float(np.linalg.norm(np.ptp(scene.body.position, axis=0)))
@@ -304,9 +304,7 @@ def _check_combinations(
     target: str | None,
 ) -> None:
     if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
-        raise CrawlerError(
-            "--pareto: the curve is that of translation against cost of transport; use --for translation"
-        )
+        raise CrawlerError("--pareto: the curve shows translation against cost of transport; use --for translation")
     if fit is None and over is not None:
         raise CrawlerError(f"--robust-of {over.value}: it needs --robust-to FIT.json")
     for option, given in (("--robust", robust), ("--pareto", compromises)):

@@ -109,7 +109,7 @@ def _describe_numbers(found: Optimum) -> str:
 
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):
-        end = "periods have not settled, and the gain is that of the last one of the search"
+        end = "periods have not settled, and the gain belongs to the last one of the search"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as patches make them differ"
     slow = math.isnan(found.cost_of_transport) and abs(found.gain) > LEAST_GAIN * found.travel

@@ -41,7 +41,7 @@ def springs_command(
 ) -> None:
     """Find the spring and the least number of elements of hysteresis that explain a measured loop.
 
-    The table is that of a load frame: elongations that turn round at several amplitudes, and the force, in the order in
+    The table comes from a load frame: elongations that turn round at several amplitudes, and the force, in the order in
     which they were measured. Without a header its columns are elongation, force and time. The result is a stiffness, or
     a curve of few pieces, and Maxwell-slip elements, each with 95 % intervals, and the lines for the scene file.
 
@@ -152,5 +152,5 @@ def _describe_rate(rate: Rate | None) -> str:
         return f"rate: {rate.verdict}, {speeds}; loops at two, one twice the other, would decide whether it matters"
     return (
         f"rate: {rate.verdict}: from {speeds} the force changes by {rate.difference:.2g} N, {100.0 * rate.part:.2g} % "
-        f"of the width of the loop (noise alone would do so with a probability of {rate.chance:.1g})"
+        f"of the width of the loop (mere noise would do so with a probability of {rate.chance:.1g})"
     )

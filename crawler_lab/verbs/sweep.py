@@ -40,7 +40,7 @@ def sweep(
         int | None, typer.Option(help="Number of parallel runs; by default one per core.", min=1)
     ] = None,
     png: Annotated[
-        Path | None, typer.Option(help="The picture to write, for one or two keys; by default beside the table.")
+        Path | None, typer.Option(help="The picture to write, for one or two keys; by default next to the table.")
     ] = None,
     plot: Annotated[
         str | None,

@@ -104,7 +104,7 @@ def plan_sweep(
         axes: the `--vary` options.
         settings: settings of each run.
         out: the table to write.
-        png: the picture to write; None for one beside the table if the axes allow one.
+        png: the picture to write; None for one next to the table if the axes allow one.
         force: whether these files may exist.
         column: the result that the picture shows; None for the net translation.
 
@@ -152,7 +152,7 @@ def run_sweep(
         progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The results; after Ctrl-C, those of the finished runs.
+        The results; after Ctrl-C, only of the finished runs.
 
     Raises:
         CrawlerError: when no variation is valid, or the cluster cannot be used.
@@ -186,9 +186,9 @@ def _simulate_on_cluster(
 ) -> ManyRuns:
     """Run variations on the workers of the Dask scheduler at tcp://host:port; they need this package installed.
 
-    Scenes are sent as documents and numbers, so that workers need no files of this machine. The results are those of
-    `simulate_many`, identical to the bit on equal processors. A `CrawlerError` tells that there is no scheduler or no
-    worker, or that a worker cannot run the variations.
+    Scenes are sent as documents and numbers, so that workers need no files of this machine. The results equal
+    `simulate_many`'s, to the bit on equal processors. A `CrawlerError` tells that there is no scheduler or no worker,
+    or that a worker cannot run the variations.
     """
     from crawler_command.many.cluster import SchedulerEndedError, connect
 

@@ -32,7 +32,7 @@ class Film:
             (F, N).
         tension: of each spring, of vector springs in the plane its size, shape (F, J) [N].
         forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
-        backward: likewise.
+        backward: bounds in the other direction, of the same shape [N].
         yields: of each spring -1 slack, 1 stalled, else 0, int8, shape (F, J); (F, 0) without limits of tension.
     """
 
@@ -77,7 +77,7 @@ class Film:
     def sample(self, times: np.ndarray) -> Film:
         """Sample the run at the frames of a film: positions and forces linearly, every slip since the frame before.
 
-        What is slack or stalled is that at the nearest instant.
+        What is slack or stalled is taken at the nearest instant.
 
         Args:
             times: instants within the run, increasing, shape (K,) [s].

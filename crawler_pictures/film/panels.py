@@ -78,7 +78,7 @@ def coils(start: np.ndarray, end: np.ndarray, width: float, bow: np.ndarray, tee
     Args:
         start: shape (J, 2).
         end: shape (J, 2).
-        width: half of the width of the zigzag; the units are those of the second axis.
+        width: half of the width of the zigzag, in units of the second axis.
         bow: height of an arch over which each spring is drawn, shape (J,).
         teeth: number of its teeth; 0 for straight lines.
 
@@ -103,7 +103,7 @@ def ropes(start: np.ndarray, end: np.ndarray, sag: float, bow: np.ndarray) -> np
     Args:
         start: shape (J, 2).
         end: shape (J, 2).
-        sag: how far they sag in the middle; the units are those of the second axis.
+        sag: how far they sag in the middle, in units of the second axis.
         bow: height of an arch from which each sags, shape (J,).
 
     Returns:
@@ -195,7 +195,7 @@ class LinePanel:
         return drawn
 
     def _create_contacts(self, count: int, size: float) -> None:
-        """Create the markers of contacts in each state, and the arrows of those that slide."""
+        """Create the markers of contacts in each state, and the arrows of sliding contacts."""
         from matplotlib.path import Path
 
         self._dots: dict[int, Any] = {}

@@ -30,7 +30,7 @@ _MOST_ROWS = 48
 
 
 class Panel(Protocol):
-    """Axes whose content moves from frame to frame; `rolling` holds the axes and limits of those that move along."""
+    """Axes whose content moves from frame to frame; `rolling` holds the axes that move along, and their limits."""
 
     moving: list[Artist]
     rolling: Rolling | None

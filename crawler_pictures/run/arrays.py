@@ -64,7 +64,7 @@ class RunArrays:
         net_translation: y, shape (T,), in the plane (T, 2) [m].
         tension: shape (T, J), in the plane (T, J, 2) [N].
         least: least tension in the stasis domain while the others are unchanged, shape (T, J) [N].
-        most: the greatest, likewise.
+        most: the greatest, shape (T, J) [N].
         contacts: names of the contacts, "trunk/contact_7" inside a segment, shape (N,).
         links: names of the links and segments, "trunk/element_7" for a spring of a segment, shape (J,).
         place: reference positions, shape (N,), in the plane (N, 2) [m].
@@ -110,7 +110,7 @@ class RunArrays:
 
     @property
     def mean(self) -> np.ndarray:
-        """Path of the mean of the body, which begins at that of all contacts if their weights are not known [m]."""
+        """Path of the mean of the body, which begins at the mean of all contacts if their weights are not known [m]."""
         start = np.average(self.positions[0], axis=0, weights=self.share)
         return np.asarray(start + self.net_translation - self.net_translation[0])
 

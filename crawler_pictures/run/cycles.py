@@ -19,7 +19,7 @@ _GAIN, _TRANSIENT = "#46688f", "#b9c6d8"
 
 
 def draw_gains(part: Any, gains: Gains, size: float, planar: bool) -> None:
-    """Draw the translation of each cycle, and beside it the slips forward and back of which it is the sum.
+    """Draw the translation of each cycle, and next to it the slips forward and back that add up to it.
 
     Args:
         part: the figure to draw on.

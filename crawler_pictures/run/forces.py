@@ -31,9 +31,9 @@ def draw_tension(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLi
     Args:
         axis: axes to draw on: s over N.
         time: shape (T,) [s].
-        tension: shape (T,), in the plane (T, 2), of which the size is drawn [N].
+        tension: shape (T,), in the plane (T, 2), where its size is drawn [N].
         least: least tension in the stasis domain, shape (T,) [N]; NaN where it is not known.
-        most: the greatest, likewise.
+        most: the greatest, shape (T,) [N].
         name: label of the axis, as "tension 0".
     """
     value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
@@ -80,9 +80,9 @@ def draw_tensions(
     Args:
         axis: axes to draw on.
         time: shape (T,) [s].
-        tension: shape (T, J), in the plane (T, J, 2), of which the size is drawn [N].
+        tension: shape (T, J), in the plane (T, J, 2), where its size is drawn [N].
         least: least tension in the stasis domain, shape (T, J) [N]; NaN where it is not known.
-        most: the greatest, likewise.
+        most: the greatest, shape (T, J) [N].
         names: "link_0", the name of a segment, or "trunk/element_7" for a spring of the segment trunk, shape (J,).
         why: why there are no bounds, for the title.
     """
@@ -116,7 +116,7 @@ def _range(values: np.ndarray) -> str:
 
 
 def _name_springs(axis: Axes, names: Sequence[str]) -> None:
-    """Label the rows of an image by link; beside segments, each link by its name and the rows of a segment by its."""
+    """Label the rows of an image by link; with segments, each link by its name and the rows of a segment by its."""
     if all(name == f"link_{i}" for i, name in enumerate(names)):
         axis.set_ylabel("link")
         return

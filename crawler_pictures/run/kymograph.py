@@ -32,7 +32,7 @@ _NARROW, _NARROW_LEGEND = 58, 72
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 """The ground of text that may stand on a curve."""
 _THINNEST = 0.02
-"""Part of the body's length that an isolated contact takes beside a segment."""
+"""Part of the body's length that an isolated contact takes next to a segment."""
 
 
 def draw_positions(axis: Axes, time: ArrayLike, positions: ArrayLike, state: ArrayLike, names: Sequence[str]) -> None:

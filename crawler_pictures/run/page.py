@@ -94,7 +94,7 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
 
 
 def _halve(panels: list[Panel]) -> list[list[Panel]]:
-    """Split panels into two columns, the higher of which is as low as possible."""
+    """Split panels into two columns so that the higher one is as low as possible."""
 
     def height(first: int) -> float:
         return max(sum(h for h, _ in panels[:first]), sum(h for h, _ in panels[first:]))

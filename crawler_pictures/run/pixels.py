@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 FORWARD, BACK, BOTH = 1, -1, 2
-"""States of a contact beside 0, which is stick; `BOTH` where slips in both directions are joined."""
+"""States of a contact besides 0, which is stick; `BOTH` where slips in both directions are joined."""
 _CODES = np.array([2, 0, 1, 3], np.uint8)
 _STATES = np.array([0, FORWARD, BACK, BOTH], np.int8)
 

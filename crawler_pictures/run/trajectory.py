@@ -20,7 +20,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         run: the run.
 
     Returns:
-        The arrays; the tensions are those of all springs, with bounds on ground that is the same everywhere.
+        The arrays, with tensions of all springs, and with bounds on ground that is the same everywhere.
     """
     scene, body, drive = run.scene, run.scene.body, run.scene.drive
     rows = drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
@@ -65,7 +65,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
 
 def _describe_turning(run: Trajectory) -> list[str]:
     """Describe how a body turned, and its gain in the last period."""
-    found = [f"turned by {run.yaw[-1] - run.yaw[0]:.6g} rad; tensions are those of the links"]
+    found = [f"turned by {run.yaw[-1] - run.yaw[0]:.6g} rad; tensions belong to the links"]
     if run.per_period.size:
         size, error = float(np.abs(run.displacement).max()), error_of(run.scene)
         dx, dy = (write_length(value, size, error) for value in run.per_period[-1, :2])

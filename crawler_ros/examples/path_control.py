@@ -1,7 +1,7 @@
 """An example controller: a body with two actuators side by side follows straight lines from waypoint to waypoint.
 
-Both links lengthen and shorten once a period; their difference steers. When the last state of a period has arrived, the
-heading for the next one is that of line-of-sight guidance, alpha - atan(e / ahead), where alpha is the direction of the
+Both links lengthen and shorten once a period; their difference steers. When the last state of a period has arrived,
+line-of-sight guidance gives the heading for the next one, alpha - atan(e / ahead), where alpha is the direction of the
 line and e the distance of the body to its left. A new line counts from the distance `ahead` before its start on.
 """
 

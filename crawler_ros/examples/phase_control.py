@@ -1,6 +1,6 @@
 """An example controller: a search for the phase between shape and friction that moves two contacts furthest.
 
-The link lengthens and shortens once a period; the friction of one contact rises while that of the other falls, delayed
+The link lengthens and shortens once a period; the friction of one contact rises while the other's falls, delayed
 by a phase. Each trial plays two periods, the first to settle, and measures the distance of the second. A coarse scan of
 all phases finds the neighbourhood of the best one, and steps halved repeatedly refine it.
 """
@@ -39,7 +39,7 @@ def from_to(least: int, most: int) -> ParameterDescriptor:
 
 
 class PhaseControl(Node):
-    """Plays period after period, each with a phase that depends on the distances of those before."""
+    """Plays period after period, each with a phase that depends on the distances of earlier ones."""
 
     def __init__(self) -> None:
         """Declare parameters and open topics."""

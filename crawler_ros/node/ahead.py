@@ -1,6 +1,6 @@
 """Many ticks at once: followed and read in one compiled call, their messages filled in as rows of tables.
 
-The messages and their order are those of `Outgoing`, to the bit. Nothing is waited for between the ticks, so this is
+The messages and their order equal `Outgoing`'s to the bit. Nothing is waited for between the ticks, so this is
 for a simulator that runs as fast as possible, and for the ticks of a trajectory in lock-step.
 """
 

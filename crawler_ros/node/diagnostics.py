@@ -30,13 +30,13 @@ if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]
 Entries = list[tuple[str, str]]
-"""Keys, of which those with a stable meaning are a `Fact`, and values."""
+"""Keys (a `Fact` where the meaning is stable) and values."""
 Part = tuple[int, str, Entries]
 """Level, message and key-value pairs of one part of the node."""
 
 
 class TickCounts(NamedTuple):
-    """Counts that were last reported, as those of the run are named in `Counts`, and late ticks."""
+    """Counts that were last reported, named as the run's in `Counts`, and late ticks."""
 
     ambiguous: int = 0
     overspent: int = 0
@@ -117,14 +117,14 @@ def diagnose(node: Diagnosed) -> list[Status]:
 
 
 def _jumps(node: Diagnosed) -> list[tuple[Fact, str]]:
-    """Write the jumps where the ground changes with place, and those of bodies that turn and lose their stability."""
+    """Write the jumps where the ground changes with place, and where bodies that turn lose their stability."""
     if node.scene.ground.track is None and node.scene.body.turning is None:
         return []
     return [(Fact.JUMPS, str(node.counts.jumps)), (Fact.JUMP_LOSS, f"{node.counts.jump_loss:.3e}")]
 
 
 def _orientation(node: Diagnosed) -> list[tuple[Fact, str]]:
-    """Write the orientation of a shape in the plane; if springs are vectors, that of the pose is the identity."""
+    """Write the orientation of a shape in the plane; if springs are vectors, the pose's orientation is the identity."""
     if node.scene.body.dimension == 1:
         return []
     if node.scene.body.turning is not None:

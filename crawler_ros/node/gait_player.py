@@ -201,7 +201,7 @@ class GaitPlayer(QuietNode):
                 self.fail(f"the simulator refuses the commands: {status.message}")
 
     def _has_rivals(self) -> bool:
-        """Determine whether a refused command may be that of another node, on any topic."""
+        """Determine whether a refused command may come from another node, on any topic."""
         topics = [self.resolve_topic_name(name) for name, topic in read_topics().items() if topic.direction == "in"]
         return sum(map(self.count_publishers, topics)) > 1
 

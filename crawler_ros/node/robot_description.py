@@ -28,7 +28,7 @@ _BODY_COLOUR = "0.55 0.55 0.58 1"
 _REACH = 1e3
 """Limits of the prismatic joints in body lengths; URDF requires limits, and nothing enforces them."""
 _TURN = 2.0 * np.pi
-"""Limits of the revolute joints, those of commanded angles [rad]."""
+"""Limits of the revolute joints, and so of commanded angles [rad]."""
 _EFFORT = 1e9
 """Limit of the force of joints without limits of tension [N]."""
 

@@ -1,1 +1,1 @@
-"""Recordings: writing them beside a node, and reading them."""
+"""Recordings: writing them next to a node, and reading them."""

@@ -60,7 +60,7 @@ class Bag:
     attachments: dict[str, Any]
     """Those in JSON, decoded, by name."""
     complete: bool = False
-    """Whether the files have their ends and all messages counted there, and are those that metadata.yaml lists."""
+    """Whether the files have their ends and all messages counted there, and metadata.yaml lists exactly these files."""
     damaged: int = 0
     """Number of chunks, and of compressed messages, that could not be read and were skipped."""
     lost: int | None = None
@@ -184,7 +184,7 @@ def _load(file: Path, begin: int, contents: Contents, source: Path, numbers: np.
 
 
 def _described(block: Block, source: Path, numbers: np.ndarray) -> Block:
-    """Replace the channel numbers of a file by those of its recording; leave out what nothing describes."""
+    """Replace the channel numbers of a file by the recording's; leave out what nothing describes."""
     block = dataclasses.replace(block, source=source, channel=numbers[block.channel])
     return block if (block.channel >= 0).all() else block.take(np.flatnonzero(block.channel >= 0))
 

@@ -279,7 +279,7 @@ def compare_with_promises(promises: Sequence[Promise], held: Sequence[Held]) -> 
             continue
         later = (there.get(_plain_name(other.name)) for other in promises[place + 1 :])
         after = next((other.first_ns for other in later if other is not None and other.first_ns is not None), None)
-        # some writers state the times of the whole recording for each file: the files beside it are nearer
+        # some writers state the times of the whole recording for each file: the neighbouring files are nearer
         first = max((ns for ns in (promise.first_ns, before) if ns is not None), default=None)
         last = min((ns for ns in (promise.last_ns, after) if ns is not None), default=None)
         lines.append(f"{promise.name} is missing{_describe(promise.count, first, last, min(begins, default=0))}")

@@ -67,5 +67,5 @@ def list_bags(parent: Path) -> list[Path]:
         The bag folders by name; the path itself if it is a recording or holds none.
     """
     bags = sorted({file.parent for name in PATTERNS for file in parent.glob(f"*/{name}") if file.is_file()})
-    is_bag = (parent / "metadata.yaml").exists()  # an .mcap file beside bag folders makes no bag of their parent
+    is_bag = (parent / "metadata.yaml").exists()  # an .mcap file next to bag folders makes no bag of their parent
     return [parent] if is_bag or not bags else bags

@@ -31,7 +31,7 @@ def describe_channel(topic: Topic) -> tuple[str, bytes, dict[str, str]]:
         topic: its row in the table of topics, with the offered QoS.
 
     Returns:
-        The type, its definition with those of all types that it contains, and the channel's metadata.
+        The type, its definition with the definitions of all types that it contains, and the channel's metadata.
 
     Raises:
         FileNotFoundError: when the definition of the type is not installed.

@@ -27,7 +27,7 @@ LARGEST_CHUNK = 1 << 27
 """Bytes that a chunk may expand to; writers end theirs after the message that fills 1 to 4 MiB."""
 MOST_EXPANSION, ALWAYS_EXPANDED = 2_000, 1 << 28
 """Bytes that all chunks may expand to: so many for each byte of the file, or so many in all. A recording at rest
-expands 10 to 110 times, because each of its messages has 16 bytes of index beside the chunk."""
+expands 10 to 110 times, because each of its messages has 16 bytes of index outside the chunk."""
 _LARGEST_RECORD = 1 << 28
 _MOST_DEFINITIONS = 1 << 17
 """Records of schemas and channels that are read of one file; there are 65 536 numbers of each."""
@@ -267,7 +267,7 @@ def _find_records(data, ends, rows):  # type: ignore[no-untyped-def]
 
     Args:
         data: the bytes, uint8, shape (B,).
-        ends: where each chunk ends, shape (C,); a record that goes beyond ends the reading of its chunk alone.
+        ends: where each chunk ends, shape (C,); a record that goes beyond ends only the reading of its chunk.
         rows: output: opcode, first byte, size, and of a message its channel, number, and times of reception and of
             publication, of each message, schema and channel, int64, shape (K, 7), or no rows to count them only.
 

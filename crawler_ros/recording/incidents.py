@@ -78,7 +78,7 @@ def read_diagnostics(data: bytes) -> dict[str, Parts]:
         data: its CDR bytes, little-endian.
 
     Returns:
-        The key-value pairs of each part of each node, whose names are those of the statuses, "node: part"; none where
+        The key-value pairs of each part of each node, named as its status, "node: part"; none where
         the bytes are not such a message.
     """
     found: dict[str, Parts] = {}

@@ -149,8 +149,8 @@ class Decoder:
             Groups of messages of one size: their indices in `which`, times (K, 1 + points) [ns], and their sequences.
 
         Raises:
-            BagError: when bytes are not a message of this type, their numbers are not as many as their joints, or the
-                joints differ from those of earlier messages.
+            BagError: when bytes are not a message of this type, their numbers are not as many as their joints, or
+            earlier messages have other joints.
         """
         groups = []
         sizes = block.size[which]

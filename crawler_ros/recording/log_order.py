@@ -58,7 +58,7 @@ def piece_of(block: Block, load: Callable[[], Block]) -> Piece:
 
 
 def bound_memory(pieces: Sequence[Piece], ranks: np.ndarray) -> list[Piece]:
-    """Put pieces in order of their first messages; those of a temporary file instead if too many overlap.
+    """Put pieces in order of their first messages; if too many overlap, use the pieces of a temporary file instead.
 
     Args:
         pieces: all pieces of a recording.

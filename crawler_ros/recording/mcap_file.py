@@ -1,6 +1,6 @@
 """Writing of an MCAP file from complete message records, many at once.
 
-The bytes are those that `mcap.writer.Writer` writes, and the record classes of mcap write all but the messages. These
+The bytes equal what `mcap.writer.Writer` writes; the record classes of mcap write all but the messages. These
 arrive as records already, so that building a chunk means copying them and reading the head of each, instead of a dozen
 calls per message.
 """
@@ -40,7 +40,7 @@ except ImportError:
 
 COMPRESSION = zstandard.ZstdCompressionParameters.from_level(-1, window_log=22, hash_log=14)
 """Of chunks. On repeating names and changing numbers, level -1 compresses to a tenth more than the default level in
-half the time; window and table are those of a large chunk, so that the earlier messages of long topics are found."""
+half the time; window and table fit a large chunk, so that the earlier messages of long topics are found."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _MAGIC = b"\x89MCAP0\r\n"
 

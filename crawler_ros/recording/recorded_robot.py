@@ -1,7 +1,7 @@
 """The topics of a crawler in a recording: as the recording lists them, else by the namespace in their names.
 
-A topic may have been remapped, alone or with its namespace, so its name in a recording need not end with its name in
-the table of topics. The simulator records both in the attachment `topics`; other recorders do not.
+A topic may have been remapped, by itself or with its namespace, so its name in a recording need not end with its name
+in the table of topics. The simulator records both in the attachment `topics`; other recorders do not.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ class RecordedTick:
         ends_ns: times of the ends of its ramps after its start, shape (V,) [ns].
         rows: command rows there, shape (V, C); V = 0 for the start, and for a tick that held the command in force.
         joints: readings, as `Readout.read` writes them, shape (3, J).
-        contacts: likewise, shape (3, M).
+        contacts: readings of the contacts, shape (3, M).
         pose: net translation x, in the plane also y [m] and yaw [rad].
     """
 

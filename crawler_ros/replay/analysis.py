@@ -50,7 +50,7 @@ class Replay:
             if it started at the scene's start.
         table: one row per ramp.
         contacts: names of the shown contacts.
-        whole: whether the motion of all contacts is known; `joint_states` alone shows the first one.
+        whole: whether the motion of all contacts is known; `joint_states` shows only the first one.
         stations: names of the stations of the slips: isolated contacts, then both ends of each segment.
         cycles: the cycles in order.
         cycle_source: "drive", "recurrence" or "none".

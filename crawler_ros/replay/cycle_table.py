@@ -23,7 +23,7 @@ class EnergyBalance:
         work: work of the actuators [J].
         loads_work: work of the loads [J].
         dissipation: energy dissipated by friction [J].
-        jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
+        jump_loss: energy lost in jumps on patches of ground, not to friction [J].
         stored: change of the energy in the springs [J].
         residual: stored + dissipation + internal_dissipation + jump_loss - work - loads_work, relative to the largest
             of them [1].

@@ -243,7 +243,7 @@ def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
         rate: ticks per second [Hz]; None when it is not known.
 
     Returns:
-        Simulated time of the tick's end [ns]; that of its start when the rate is not known.
+        Simulated time of the tick's end [ns], or of its start when the rate is not known.
     """
     if rate is None:
         return stamp_ns

@@ -30,7 +30,7 @@ class Margins:
         ambiguous: the first hundred intervals in which it was not, (start, end) [s].
         stability_margin: of a body that turns, the least of `Crawler.stability_margin` [1]; None if nothing moved, and
             for other bodies.
-        stability_time: end of the ramp on which it was least [s]; None likewise.
+        stability_time: end of the ramp on which it was least [s]; None where `stability_margin` is.
     """
 
     least: float

@@ -70,7 +70,7 @@ class _FirstRun:
     """The messages on a topic up to the first reset, where time goes back.
 
     Attributes:
-        messages: times [ns] and numbers of those that hold any.
+        messages: times [ns] and numbers of the messages that hold any.
         ended: whether there is a reset.
     """
 
@@ -106,7 +106,7 @@ def _place(crawler: Crawler, source: str, numbers: np.ndarray, row: np.ndarray) 
     ):
         if found != expected:
             raise bag.BagError(
-                f"its {what} {found} numbers, but those of scene {scene.name} have {expected}; "
+                f"its {what} {found} numbers, but with scene {scene.name} they have {expected}; "
                 "name the scene with which it was recorded"
             )
     if source == "contact_states":

@@ -29,13 +29,13 @@ def observe(
     Args:
         survey: survey of the recording.
         robot: the crawler.
-        table: table to fill; its net translation and yaw are those of `pose` or `odom` if recorded, else its net
+        table: table to fill; its net translation and yaw come from `pose` or `odom` if recorded, else its net
             translation is the mean of contacts and segments.
         sinks: callables that receive the pieces.
         progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The names of the contacts, and those of the stations.
+        The names of the contacts, and the names of the stations.
 
     Raises:
         BagError: when no state was recorded.
@@ -87,7 +87,7 @@ def _in_order(groups: list[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _name_contacts(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Name the contacts of entries of a state, of which there is in the plane one for each axis."""
+    """Name the contacts of entries of a state; in the plane each contact has one entry per axis."""
     return tuple(name.removesuffix("/x") for name in names if not name.endswith("/y"))
 
 

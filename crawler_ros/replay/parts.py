@@ -1,12 +1,12 @@
 """Slip of the parts of a body: isolated contacts, and segments as a whole, whatever their number of elements.
 
-The number of contacts of a segment grows with that of its elements, and so does a sum over them. Its slip forward is
-the mean distance by which its material slid forward,
+The number of contacts of a segment grows with the number of its elements, and so does a sum over them. Its slip forward
+is the mean distance by which its material slid forward,
 
     (1 / l) int max(dx, 0) ds
 
-and its slip backward likewise; both converge as the mesh is refined, and their difference, averaged over all isolated
-contacts and segments, is the net translation.
+and its slip backward is defined in the same way; both converge as the mesh is refined, and their difference, averaged
+over all isolated contacts and segments, is the net translation.
 """
 
 from __future__ import annotations

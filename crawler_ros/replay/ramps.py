@@ -28,16 +28,16 @@ class Piece:
         ends_tick: whether a tick ends there too, shape (R,).
         command: the command row in force at its end, shape (R, C); C = 0 where no command is known.
         position: of each shown contact, xi + x, shape (R, M), in the plane (R, M, 2) [m].
-        gained: displacement of each shown contact in the ramp, likewise [m].
+        gained: displacement of each shown contact in the ramp, shaped as `position` [m].
         station_gained: distance that each station of the body slides, shape (R, Q), in the plane (R, Q, 2) [m]; 0 for a
             point that does not touch the ground.
         forward: how far the body slid forward (`parts.Parts.slid`), shape (R,) [m].
-        backward: the same backward, likewise.
+        backward: how far it slid backward, shape (R,) [m].
         ground: force of the ground on each shown contact, -(g + f), shaped as `position` [N].
         elongation: elongation of each joint, shape (R, J), in the plane (R, J, 2) [m].
-        tension: tension of each joint, likewise [N].
+        tension: tension of each joint, shaped as `elongation` [N].
         least: least tension that its link may have while the others are unchanged, shape (R, J) [N].
-        most: the greatest, likewise.
+        most: the greatest, shape (R, J) [N].
         net_translation: y, shape (R,), in the plane (R, 2) [m].
         work: work of the actuators, shape (R,) [J].
         loads_work: work of the loads, shape (R,) [J].
@@ -51,9 +51,9 @@ class Piece:
         unique: whether the translation was determined, shape (R,).
         jumps: the number of its run and each jump in the ramps, in order.
         yaw: yaw at the end, whole turns counted, shape (R,) [rad]; None where the body does not turn or is not known.
-        stability: least stability margin, infinite where nothing moved, shape (R,) [1]; None likewise.
-        origin: displacement of the origin of its frame, between the points of the heading, shape (R, 2) [m]; None
-            likewise.
+        stability: least stability margin, infinite where nothing moved, shape (R,) [1]; None as for `yaw`.
+        origin: displacement of the origin of its frame, between the points of the heading, shape (R, 2) [m]; None as
+            for `yaw`.
 
     Of a body that turns, elongation and tension have shape (R, S + J): of links, then angles of joints [rad] and their
     torques [N m].
@@ -117,7 +117,7 @@ class RampTable:
         self.net_translation = np.zeros((0, 1))
         """Shape (R, d) [m]."""
         self.origin = np.zeros((0, 1))
-        """As `net_translation`, of bodies that turn that of the origin of their frame, shape (R, d) [m]."""
+        """As `net_translation`; of bodies that turn, the translation of the origin of their frame, shape (R, d) [m]."""
         self.yaw = self.stability = np.zeros(0)
         """Yaw at the end of each ramp, and least stability margin, shape (R,) [rad, 1]; NaN where it is not known."""
         self.place = self.shape = np.zeros((0, 2))

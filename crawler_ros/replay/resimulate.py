@@ -46,8 +46,8 @@ class Comparison:
         first_difference: simulated time of the first difference [s]; None when there is none.
         first_where: the joint, its quantity, recorded and simulated value there.
         unmatched: number of recorded messages of states without a simulated one.
-        outside: number of those that lie outside the compared stretch: before the state at which the simulation begins,
-            or a tick after the end of the ledger.
+        outside: number of unmatched messages outside the compared stretch: before the state at which the simulation
+            begins, or a tick after the end of the ledger.
         stopped: why the ledger could not be followed to its end; "" when it could.
         missing: number of ticks whose ledger message is missing.
         missing_at: simulated time of the first of them [s]; None when there is none.

@@ -2,7 +2,7 @@
 
 Messages that are received at nearly the same time may be recorded in any order from topic to topic, so that no message
 of one topic tells at which message of another a run begins. Each topic is therefore divided where its own stamps begin
-again at 0, and its runs are matched with those of the ledger by the times of reception.
+again at 0, and its runs are matched with the ledger's by the times of reception.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def find_runs(survey: Survey, robot: Robot) -> dict[str, Runs]:
         robot: the crawler.
 
     Returns:
-        The runs by the names of the topics in the table of topics, of those that were recorded.
+        The runs of all recorded topics, by their names in the table of topics.
     """
     topics = {name: survey.topics.get(robot.recorded(name)) for name in (LEDGER, *STATES)}
     recorded = {name: topic for name, topic in topics.items() if topic is not None and topic.stamp_ns.size}
@@ -72,7 +72,7 @@ def _find_begins(ledger: Stamps, states: Iterable[Stamps]) -> np.ndarray:
 
 
 def _match(states: Stamps, begins_at: np.ndarray) -> Runs:
-    """Find the runs of states, and those of the ledger, which begin at `begins_at` [ns, wall], to which they belong."""
+    """Find the runs of states, and to which runs of the ledger, begun at `begins_at` [ns, wall], they belong."""
     first = np.unique(np.append(0, np.flatnonzero(states.stamp_ns == 0)))
     last = np.append(first[1:], states.stamp_ns.size) - 1
     # the last state of a run precedes the next run's first tick; a run of one state precedes its own

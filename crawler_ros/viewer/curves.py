@@ -46,7 +46,7 @@ class Curves:
         self._stream, self._scene = stream, scene
         body = scene.body
         self._planar, self.bounded = body.dimension == 2, has_stasis_bounds(body)
-        self._unsigned = self._planar and body.turning is None  # the tension of a vector spring has a size alone
+        self._unsigned = self._planar and body.turning is None  # the tension of a vector spring has only a size
         self._rest = body.position[body.stations]
         self._contacts, self._joints = station_names(body), name_joints(body)[: len(body.joints)]
         self._yaw = 0.0
@@ -146,7 +146,7 @@ class Curves:
         """Build the views, whose time axes are linked.
 
         Returns:
-            The views of the left column with their heights, and those of the right column.
+            The views of the left column with their heights, and the views of the right column.
         """
         common: dict[str, Any] = {
             "axis_x": rrb.TimeAxis(link=LinkAxis.LinkToGlobal),
@@ -225,7 +225,7 @@ def _width(rows: int) -> float:
 def _choose_commands(scene: Scene, rows: np.ndarray | None) -> dict[str, list[int]]:
     """Choose the columns of the commands that change, by kind.
 
-    Where the rows are not known they are those of the drive; without a drive all commands may change. Friction that is
+    Where the rows are not known the drive's rows count; without a drive all commands may change. Friction that is
     equal in both directions throughout has one curve.
     """
     columns, may_change = scene.columns, rows is None and scene.drive.holds

@@ -46,7 +46,7 @@ class Drawing:
             open_sinks: function that connects the RecordingStream to its target.
             extent: in the plane, the smallest and the largest positions, each shape (2,) [m]; None where they are not
                 known beforehand.
-            rows: the command rows of all frames, shape (F, C); None likewise.
+            rows: the command rows of all frames, shape (F, C); None where they are not known beforehand.
         """
         import rerun as rr  # here and in what draws: `main` reports where it is missing
 

@@ -31,7 +31,7 @@ def _share(package: str) -> Path:
 
 @functools.cache
 def message_definition(type_name: str) -> str:
-    """Read the definition of a message type, followed by those of all types that it contains.
+    """Read the definition of a message type, followed by the definitions of all types that it contains.
 
     Args:
         type_name: as in "sensor_msgs/msg/JointState".

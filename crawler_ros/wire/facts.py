@@ -1,6 +1,6 @@
 """The keys of `/diagnostics`, by which the gait player, replay and other programs read what a simulator counted.
 
-Keys are stable; messages beside them are sentences for people and may change.
+Keys are stable; messages next to them are sentences for people and may change.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ class OdometryMessage:
         Args:
             stamp_ns: the header's stamp [ns].
             position: net translation, a number on a line, shape (2,) in the plane [m].
-            velocity: its velocity along the axes of the child frame, likewise [m/s].
+            velocity: its velocity along the axes of the child frame, of the same shape [m/s].
             yaw: angle of the orientation about z [rad].
             rate: its rate [rad/s].
 

@@ -11,7 +11,7 @@ from crawler_model.body.turning_tree import TurningTree
 
 _AXES = ("/x", "/y")
 _ROUNDING = 1e-9
-"""Lengths that differ by less than this part are equal [1], and so are those shorter than it [m]."""
+"""Lengths that differ by less than this part are equal [1], and so are lengths shorter than it [m]."""
 
 _NEAR = 1e-12
 """A tension is also passed at a knot of a curve if it is passed this far before and behind it, as part of it [1]."""
@@ -57,7 +57,7 @@ def free_angle_names(tree: TurningTree) -> list[str]:
         tree: its tree.
 
     Returns:
-        One name per free branch: "contact_0/yaw" for that of the first link from the x axis, "link_4/yaw" for others.
+        One name per free branch: "contact_0/yaw" for the first link's angle from the x axis, "link_4/yaw" for others.
     """
     links = [tree.branches[i].link for i in tree.free[1:]]
     return ["contact_0/yaw", *(f"link_{link}/yaw" for link in links)]
@@ -71,7 +71,7 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         joints: positions, velocities and efforts of joint_states, shape (3, W).
         row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest, nor the lengths
             of springs that are slack or stall and the strains of segments of several stiffnesses. Of a strain that
-            varies along a segment, states show the mean alone.
+            varies along a segment, states show only the mean.
 
     Returns:
         The row, with the rest lengths that differ from it by more than rounding, shape (C,).
@@ -125,7 +125,7 @@ def shown_contacts(body: Body) -> np.ndarray:
         body: the body.
 
     Returns:
-        The isolated ones, then those of each segment: all of them, or `shown` evenly spaced ones.
+        The isolated ones, then each segment's: all of them, or `shown` evenly spaced ones.
     """
     parts = [body.isolated]
     for segment in body.segments:

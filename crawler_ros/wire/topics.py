@@ -127,7 +127,7 @@ def _named(topic: Topic) -> Iterator[None]:
 
 
 def qos_in_use(topic: Topic, end: Any) -> Topic:
-    """Replace the QoS in a topic's row by that of its publisher or subscription, overrides included.
+    """Replace the QoS in a topic's row by the QoS of its publisher or subscription, overrides included.
 
     Args:
         topic: its row in the table of topics.

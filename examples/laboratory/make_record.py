@@ -19,7 +19,7 @@ STROKE = 0.025  # m, to both sides; each link follows the one before it by a qua
 STUCK = 16.0  # s; from then on link 0 keeps its length
 FRAMES, MOTORS = 30, 20  # rows per second of the two tables
 LAG, SCALE = 0.043, 0.003  # s, 1
-PIXEL, TRACKER, MEMORY, DRIFT = 4e-4, 2e-4, 0.6, 5e-4  # m; MEMORY is that of the tracker's filter from frame to frame
+PIXEL, TRACKER, MEMORY, DRIFT = 4e-4, 2e-4, 0.6, 5e-4  # m; MEMORY: of the tracker's filter from frame to frame
 DROPPED, LOST, HIDDEN = 0.03, 0.02, (2, 9.2, 9.9)  # frames, markers; one marker is hidden between two times, s
 FINE = 3000  # samples per second; a whole number of them is a frame, and the lag
 

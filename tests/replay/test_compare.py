@@ -1,4 +1,4 @@
-"""Two recordings beside each other."""
+"""Two recordings side by side."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def test_cycles_at_other_times_are_not_compared_and_it_says_why(pair, tmp_path, 
     found = compare_all([pair[0], later])[0]
     assert found.pairs == found.translation == ()
     print_comparison(found, Screen(width=200))
-    wanted = "not at the same times: those of A last 1 s from 0.3 s on, those of B last 1 s from 0.8 s on"
+    wanted = "not at the same times: cycles of A last 1 s from 0.3 s on, cycles of B last 1 s from 0.8 s on"
     assert wanted in capsys.readouterr().out
     draw_comparison(found, tmp_path / "x.png")
     assert Image.open(tmp_path / "x.png").size[0] > 800

@@ -115,7 +115,7 @@ def test_words_in_brackets_stay_in_the_help():
 
 
 def test_an_existing_file_is_replaced_only_with_force(tmp_path):
-    """One rule for all verbs; those of recordings have the same option."""
+    """One rule for all verbs; verbs of recordings have the same option."""
     for words in (("check", "two_anchor_a", "--png", "x.png"), ("simulate", "two_anchor_a", "--png", "x.png")):
         (tmp_path / "x.png").write_text("mine")
         assert "--png: x.png exists already; choose another name, or use --force" in bad(*words, cwd=tmp_path)
@@ -346,7 +346,7 @@ PLANAR_LIMITS = [
     ({}, HOLDS + "26.5651 degrees uphill in every direction"),
     ({}, "largest tow that it holds at rest, on any contact: 1.27502 N in every direction"),
     ({"loads": 0.0, "friction": {"isotropic": 1.0}}, HOLDS + "30 degrees uphill in every direction"),
-    ({"loads": [[0.1, 0.0], [0.0, 0.0]]}, HOLDS + "not computed in the plane beside other loads"),
+    ({"loads": [[0.1, 0.0], [0.0, 0.0]]}, HOLDS + "not computed in the plane with other loads"),
     (
         {"friction": {"directions": [0.0, 2.0, 4.0], "value": 1.0}},
         "not computed in the plane for friction that depends on the direction",

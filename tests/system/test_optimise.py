@@ -194,8 +194,8 @@ def test_a_body_that_turns_reaches_a_motion(scene, capsys):
         (["screw", "--target", "1,2"], "--target 1,2: write DX,DY,DYAW"),
         (["turn", "--target", "0,0,1"], "the objective 'screw' needs dx, dy, dyaw per period, others none"),
         (["travel"], "must be one of translation, cost-of-transport, turn, screw"),
-        (["turn", "--pareto"], "--pareto: the curve is that of translation against cost of transport"),
-        (["translation", "--pareto", "--target", "0,0,1"], "--pareto: the curve is that of translation"),
+        (["turn", "--pareto"], "--pareto: the curve shows translation against cost of transport"),
+        (["translation", "--pareto", "--target", "0,0,1"], "--pareto: the curve shows translation"),
         (["turn", "--fastest", "1"], "rate: not available for scissors, which turns"),
     ],
 )

@@ -54,7 +54,7 @@ SensorOption = Annotated[
     ),
 ]
 CommandsOption = Annotated[
-    Path | None, typer.Option(help="A table of the commands at their own times, instead of those in other tables.")
+    Path | None, typer.Option(help="A table of the commands at their own times, instead of commands in other tables.")
 ]
 
 

@@ -36,7 +36,7 @@ def predict_command(
 
     `crawler identify` finds the body: `crawler predict robot.yaml --from fit.json --drive gait.yaml`.
 
-    Of a drive with a period, the gain and the energy are those of a period of the limit cycle. Where the motion depends
+    Of a drive with a period, the gain and the energy belong to a period of the limit cycle. Where the motion depends
     on a parameter that is only bounded, the band covers all values that the bound allows, and a line names it. Where it
     depends on one that the record did not excite, there is no prediction.
     """

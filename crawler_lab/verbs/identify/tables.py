@@ -33,7 +33,7 @@ def read_table(
         scene: the scene that was measured.
         columns: names in the tables by these names, where they differ.
         units: of times and lengths in both tables; strains are pure numbers, forces are in N.
-        commands: a table with `time` and the commands, on the same clock, which replaces those of the first table.
+        commands: a table with `time` and the commands, on the same clock, which replaces those in the first table.
 
     Returns:
         The measurements. A value is NaN where it is missing. Rows in which no command is given are no commands: these
@@ -78,7 +78,7 @@ def read_table(
 
 
 def _check_columns(scene: Scene, tables: list[Table], columns: Mapping[str, str]) -> None:
-    """Check that each mapped column is one of the scene, and one of the table that should contain it."""
+    """Check that the scene knows each mapped column, and that the table that should contain it does."""
     known = ("time", *channel_names(scene), *(_COMMAND + name for name in scene.columns.names))
     for ours, theirs in columns.items():
         option = f"--columns {ours}={theirs}"
@@ -133,7 +133,7 @@ def _read_commands(table: Table) -> tuple[list[str], np.ndarray, np.ndarray]:
 
 
 def list_unread(table: Table, read: Sequence[str]) -> None:
-    """List the columns of a table that are not used, one of which may be misspelt, on standard error.
+    """List the columns of a table that are not used, because one may be misspelt, on standard error.
 
     Args:
         table: the table.

@@ -58,7 +58,7 @@ def raise_priority(priority: int) -> None:
     Threads that they start later inherit the priority.
 
     Args:
-        priority: that of SCHED_FIFO, 1 to 99; 0 leaves the threads where they are.
+        priority: priority of SCHED_FIFO, 1 to 99; 0 leaves the threads where they are.
     """
     for thread in os.listdir("/proc/self/task") if priority else ():
         with contextlib.suppress(ProcessLookupError):  # one that has just ended

@@ -177,7 +177,7 @@ def _pair_cycles(one: Sequence[Cycle], two: Sequence[Cycle]) -> tuple[tuple[tupl
         return (), f"cycles: none are compared, as the commands of {which} do not repeat"
     if not pairs:
         spans = [
-            f"those of {n} last {c.end - c.start:g} s from {c.start:g} s on" for n, c in (("A", one[0]), ("B", two[0]))
+            f"cycles of {n} last {c.end - c.start:g} s from {c.start:g} s on" for n, c in (("A", one[0]), ("B", two[0]))
         ]
         why = f"they are not at the same times: {', '.join(spans)}; --by-phase compares them"
         return (), f"cycles: none are compared, as {why}"

@@ -1,4 +1,4 @@
-"""The figure of a comparison: two runs beside each other, or several over each other."""
+"""The figure of a comparison: two runs side by side, or several over each other."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         samples: samples of the run.
 
     Returns:
-        The arrays; cycles and rests are those of the first run between resets.
+        The arrays; cycles and rests belong to the first run between resets.
     """
     scene, positions, tension = replay.scene, samples.get("position"), samples.get("tension")
     energy = {}
@@ -100,7 +100,7 @@ def _describe_turning(replay: Replay) -> list[str]:
     table, cycles = replay.table, replay.cycles
     if table.turned is None:
         return []
-    shown = "" if replay.comparison is None else "; tensions are those of the links"
+    shown = "" if replay.comparison is None else "; tensions belong to the links"
     found = [f"turned by {table.turned:.6g} rad{shown}"]
     if cycles and cycles[-1].turned is not None:
         dx, dy = np.atleast_1d(cycles[-1].translation)

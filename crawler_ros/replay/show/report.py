@@ -109,7 +109,7 @@ def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:
 def _print_slips(replay: Replay, screen: Console) -> None:
     slips = replay.slips
     if not replay.whole:
-        screen.print("slips: known of the first contact alone, as contact_states was not recorded")
+        screen.print("slips: known only of the first contact, as contact_states was not recorded")
     if slips.contact.size == 0:
         inside = bool((replay.table.forward + replay.table.backward).any())
         still = bool((replay.table.shape == replay.table.shape[:1]).all())

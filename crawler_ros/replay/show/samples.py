@@ -89,7 +89,7 @@ class Samples:
                 dissipation, internal_dissipation, loads_work or jump_loss, which are sums since the start.
 
         Returns:
-            Shape (T, ...); the state of a sample joins those of its ramps, as `pixels.join_states` does.
+            Shape (T, ...); the state of a sample joins the states of its ramps, as `pixels.join_states` does.
         """
         parts = self._parts[name]
         if self._rest is not None:

@@ -43,7 +43,7 @@ _FOUND: dict[str, list[tuple[str, Any, str]]] = {
 def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
     """Build the schema of a table: name, type, unit.
 
-    In the plane lengths and forces have a column per axis, except those of links of a body that turns.
+    In the plane lengths and forces have a column per axis, except for links of a body that turns.
     """
     at = [("run", pa.int32(), "1"), ("time", pa.float64(), "s")]
 

@@ -1,4 +1,4 @@
-"""Scenes and recordings beside each other, aligned by the cycles of their drives: one table, one picture."""
+"""Scenes and recordings side by side, aligned by the cycles of their drives: one table, one picture."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Walk:
         gains: net translation gained in each cycle, shape (C, D) [m], D = 1 on a line; of a body that turns in its own
             frame.
         work: work of the actuators in each cycle, shape (C,); NaN where it is not known [J].
-        dissipation: energy lost to friction in each cycle, likewise [J].
+        dissipation: energy lost to friction in each cycle, shape (C,) [J].
         phase: cycles since the first one, at all samples, shape (T,).
         y: net translation since then, shape (T, D) [m].
         size: size of the numbers from which lengths were computed [m].
@@ -170,7 +170,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
     """Build the table: the last cycle of each run, and its difference from the first one.
 
     Args:
-        walks: the runs, the first of which the others are compared with.
+        walks: the runs; the others are compared with the first.
 
     Returns:
         A row for each run.
