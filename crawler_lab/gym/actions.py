@@ -50,9 +50,9 @@ def build_actions(
 
     Args:
         scene: the scene.
-        stroke: least and largest change of a rest length [m] (of segments: strain); None for those of the drive, and
-            where there is none for a quarter of the length of each link.
-        friction: least and largest friction of each contact [N] (of segments: [N/m]); None for those of the drive.
+        stroke: least and largest change of a rest length [m] (of segments: strain); None for the drive's, and without a
+            drive for a quarter of the length of each link.
+        friction: least and largest friction of each contact [N] (of segments: [N/m]); None for the drive's.
         steps_per_stroke: number of steps in which an action of size 1 goes from one bound to the other.
 
     Returns:

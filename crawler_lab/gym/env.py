@@ -32,7 +32,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         spec_of_crawler: the settings.
         action_names: the command that each action moves.
         drawn: the values drawn for the present episode; as options of `reset` they repeat it.
-        lanes: the state, as that of one of many environments.
+        lanes: the state, as if this were one of many environments.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}  # noqa: RUF012

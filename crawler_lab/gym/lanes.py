@@ -234,7 +234,7 @@ class Lanes:
         Args:
             first: whether an episode begins, at the command that the readings reveal.
             joints: positions, velocities and efforts of joint_states, shape (3, W).
-            contacts: those of contact_states, shape (3, K).
+            contacts: the same of contact_states, shape (3, K).
         """
         shared, which = self.shared, np.zeros(1, np.int64)
         if first:

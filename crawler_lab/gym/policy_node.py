@@ -2,7 +2,7 @@
 
 At every state that arrives on `joint_states` and `contact_states` it builds the observation of the environment, asks
 the policy for an action, and sends the command that follows on `joint_trajectory`. Against a simulator in lock-step at
-the rate of the environment, the path is that of the environment to the bit.
+the rate of the environment, the path equals the environment's to the bit.
 """
 
 from __future__ import annotations

@@ -106,8 +106,8 @@ def build_spec(
             of the length of the body.
         rate: steps per second [Hz].
         steps: steps of an episode, after which it is truncated; 0 for no limit.
-        stroke: least and largest rest-length change of each link [m] and strain of each segment; by default those of
-            the scene's drive, where there is none a quarter of the link's length either way, and a strain of 0.2.
+        stroke: least and largest rest-length change of each link [m] and strain of each segment; by default as in the
+            scene's drive; without a drive a quarter of the link's length either way, and a strain of 0.2.
         stroke_time: time in which an action of size 1 goes from the least to the largest value [s].
         friction: least and largest friction of each contact [N] (segments [N/m]), which frees it; by default it is
             free where the drive of the scene changes it.
@@ -161,12 +161,12 @@ def build_spec(
 
 
 def list_settings() -> list[str]:
-    """List the names of the settings beside the scene and the task."""
+    """List the names of the settings besides the scene and the task."""
     return [name for name in build_spec.__annotations__ if name not in ("scene", "task", "unknown", "return")]
 
 
 def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
-    """Give a scene without loads of its own a load of 0 where episodes have loads or slopes, of which one may be 0."""
+    """Give a scene without loads of its own a load of 0 where episodes have loads or slopes, one of which may be 0."""
     loaded = with_loads(scene, ["loads"] if ranges.loads else [])
     if loaded is not scene and scene.dimension == 2 and not scene.columns.loads:
         raise CrawlerError("options: slope and loads: the scene in the plane has no loads; add `loads: 0` to it")

@@ -87,7 +87,7 @@ def build_task(
             raise CrawlerError(f"{key}: {value!r}, but the task is {name}; only the task {_OF_TASK[key]} takes it")
     if name == "reach":
         if direction is not None:
-            raise CrawlerError(f"direction: {direction!r}, but the task is reach, whose direction is that of its place")
+            raise CrawlerError(f"direction: {direction!r}, but the task is reach, whose place sets the direction")
         length = length_of(scene.body)
         goal = _place(scene, place, length)
         unit = np.array([1.0, 0.0])[: scene.dimension]

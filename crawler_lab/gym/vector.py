@@ -281,7 +281,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
 
 def _check_partial(ranges: Ranges, before: Ranges) -> None:
-    """Refuse options of a partial reset that need other memory than that of the environments that go on."""
+    """Refuse options of a partial reset that need other memory than the environments that go on."""
     if (ranges.loads and not before.loads) or ranges.most_delay > before.most_delay:
         raise CrawlerError(
             "options: with reset_mask, loads, slopes and larger delays than before are not possible; reset all "

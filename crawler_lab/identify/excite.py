@@ -118,7 +118,7 @@ def excite(
         scene: a scene on a line, a path or a gallery name; its numbers are the first guess. Its drive is replaced, with
             all that it commands.
         keys: dotted keys of the parameters, as for `identify`.
-        stroke: bounds of all links [m] and segments (strain), or of each by name; None for those of the scene's drive.
+        stroke: bounds of all links [m] and segments (strain), or of each by name; None for the scene's drive.
             What is not named, or what the drive does not move, stays as it is.
         noise: standard deviation of the measured positions of the contacts [m].
         duration: longest duration [s].
@@ -216,7 +216,7 @@ class _Search:
             costs = [self._cost(rows) for rows in longer]
             self.rows = longer[int(np.argmin([cost for cost, _ in costs]))]
             variances, directions = np.linalg.eigh(min(costs, key=lambda pair: pair[0])[1])
-            known = variances < 0.5 * _PRIOR  # combinations of parameters, of which ratios may be all that can be known
+            known = variances < 0.5 * _PRIOR  # combinations of parameters; only their ratios may be knowable
             stale = stale + 1 if int(known.sum()) == excited else 0
             excited = int(known.sum())
             small = directions[:, known] ** 2 @ variances[known] <= (interval / _QUANTILE) ** 2
@@ -258,7 +258,7 @@ class _Search:
         return rows
 
     def _near(self) -> np.ndarray:
-        """Draw values of the parameters near those of the scene, shape (P,)."""
+        """Draw values of the parameters near the scene's, shape (P,)."""
         factor = np.exp(self.random.uniform(-_NEAR, _NEAR, self.space.origin.size))
         return np.where(self.space.logarithmic, self.space.origin * factor, self.space.origin)
 
@@ -279,7 +279,7 @@ class _Search:
     def _information(self, values: np.ndarray) -> np.ndarray | None:
         """Compute the Fisher information about the coordinates, shape (P, P), as `identify` knows a sensor by default.
 
-        Lag, scale, the drift of each channel, and its offset, or that of the frame if the start is sought, are unknown,
+        Lag, scale, drifts and offsets of the channels (if the start is sought, one offset of the frame) are unknown,
         too, with the priors of a `Sensor`.
         """
         predicted, measured, sensor = self.replica.predict(values), self.replica.measured, Sensor()

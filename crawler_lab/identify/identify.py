@@ -76,8 +76,8 @@ def identify(
         starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
-        seconds: time, compiling aside, in which more starts are tried as long as none leads to a fit [s]; 0 for the
-            first start alone.
+        seconds: time, compiling aside, in which more starts are tried as long as none leads to a fit [s]; 0 for only
+            the first start.
 
     Returns:
         The result.
@@ -252,7 +252,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
 
 
 def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray, float]:
-    """Find the gain of the actuators from those of all recordings.
+    """Find the gain of the actuators from the gains of all recordings.
 
     Returns its value, its weights of the unknowns, shape (U,), and the variance by which recordings that contradict
     each other widen it.
@@ -280,7 +280,7 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
     if where is None:
         return warnings
     warnings += [
-        f"{r.measured.name}: the contacts stand in the reverse order of those of the scene; exchange the columns, or "
+        f"{r.measured.name}: the contacts stand in the reverse order of the scene's; exchange the columns, or "
         "negate the positions if x increases the other way"
         for r in problem.replicas
         if are_reversed(scene.body, r.measured)

@@ -288,7 +288,7 @@ def _check_commands(name: str, columns: Sequence[str], time: np.ndarray, command
 
 
 def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndarray]) -> None:
-    """Compare the lengths of measurements and commands with those of the body, where both are known."""
+    """Compare the lengths of measurements and commands with the body's, where both are known."""
     name, values, commands = measured.name, arrays["values"], arrays["commands"]
     own = observation(scene.body, measured.channels)[1]
     axes = [np.flatnonzero(axis) for axis in measured.axes.T.astype(bool)]

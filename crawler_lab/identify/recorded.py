@@ -111,7 +111,7 @@ def _in_columns(rows: Sequence[np.ndarray], width: int) -> np.ndarray:
 
 
 def _join(stamps: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Join rows of one stamp, of which each may hold other joints; the first number of a joint counts."""
+    """Join rows of one stamp, each of which may hold other joints; the first number of a joint counts."""
     time, place = np.unique(stamps, return_inverse=True)
     joined = np.full((time.size, rows.shape[1]), np.nan)
     for k, row in zip(place.tolist(), rows, strict=True):

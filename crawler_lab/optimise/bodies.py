@@ -24,7 +24,7 @@ _DRAWN, _SEED = 8, 20_230
 _OTHERS, _OTHER_SEED = 64, 20_231
 """Bodies on which the best gait is verified."""
 _UNKNOWN = (1.0 / 3.0, 3.0)
-"""Factors by which a number of which nothing is known is moved to see whether the objective depends on it."""
+"""Factors by which an unknown number is moved to see whether the objective depends on it."""
 _SAME = 1e-6
 _NO_BODY = ("drive", "start")
 """Parts of a scene on which the periodic regime of another drive does not depend."""
@@ -35,7 +35,7 @@ class Uncertain(Protocol):
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Numbers of which nothing is known, by dotted keys."""
+        """Numbers about which nothing is known, by dotted keys."""
 
     def apply(self, scene: Scene) -> Scene:
         """Put the best values into a scene.
@@ -67,7 +67,7 @@ class Robustness:
         best_fit: the objective on the body with the best values [m or 1].
         drawn: number of bodies on which it was sought.
         verified: number of bodies of `mean` and `worst`.
-        unknown: numbers of which nothing is known, which keep their values in the scene, and on which the objective
+        unknown: numbers about which nothing is known, which keep their values in the scene, and on which the objective
             depends if they change by a factor of three.
     """
 
@@ -120,7 +120,7 @@ def count_bodies(uncertain: Uncertain) -> int:
     """Count the bodies on which the best gait is verified.
 
     Returns:
-        Their number, with those that show whether a number of which nothing is known matters.
+        Their number, with the bodies that show whether an unknown number matters.
     """
     return 1 + len(uncertain.unknown) * len(_UNKNOWN) + _OTHERS
 

@@ -48,7 +48,7 @@ def count_candidates(unknowns: Unknowns, request: Request, bodies: int) -> tuple
         bodies: number of candidates that cost as much as verifying the best gait on other bodies.
 
     Returns:
-        Number of those around the best gait, and of those that follow.
+        Number of candidates around the best gait, and of candidates that follow.
     """
     size = unknowns.low.size
     around = size * (2 + count_samples(unknowns.base.dimension, size))
@@ -76,7 +76,7 @@ def settle(space: Space, found: Found, limit: TimeLimit, mapped: bool) -> Around
 
     Args:
         found: what the search found, changed in place.
-        limit: the time limit, of which some is kept for what follows.
+        limit: the time limit; some of it is kept for what follows.
         mapped: whether to look over the two unknowns that matter most, too.
 
     Returns:
@@ -200,7 +200,7 @@ def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime 
 
 
 def _find_transient(scene: Scene, regime: Regime, limit: TimeLimit) -> float:
-    """Estimate how far the gain of a regime is from that of the limit cycle, which follows more periods [m].
+    """Estimate how far the gain of a regime is from the limit cycle's, which takes more periods [m].
 
     Infinite if the time is over before that is known.
     """

@@ -39,10 +39,10 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
 
     Args:
         cycle: the candidate, in the plane, on patches or with hysteresis.
-        goal: the direction, and the number of periods, of which the gain counts.
+        goal: the direction, and the number of periods whose gain counts.
 
     Returns:
-        The regime, with NaN for the peak; its travel and speed are those of links, in the plane of each component. None
+        The regime, with NaN for the peak; its travel and speed belong to links, in the plane to their components. None
         if the body loses its stability, or comes to ground on which nothing holds it.
     """
     plan, targets = cycle.plan, cycle.plan.drive.targets

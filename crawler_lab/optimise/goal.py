@@ -18,7 +18,7 @@ TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
 DEFAULT_PERIODS = 10
 """Periods that count on patches of ground, as many as `simulate` runs."""
 WORST = 1e6
-"""A score below minus this is that of a gait beyond the limits, or of none."""
+"""A score below minus this belongs to a gait beyond the limits, or to none."""
 LEAST_GAIN = 1e-7
 """Least gain of a body that moves, relative to the travel of its actuators; tensions repeat to less than that."""
 
@@ -55,7 +55,7 @@ class Goal:
             regime: its periodic regime; None if it cannot be followed.
 
         Returns:
-            One score, two for a compromise. That of a candidate outside of the limits is below all others.
+            One score, two for a compromise. A candidate outside of the limits scores below all others.
         """
         count = 1 if self.weights is None else 2
         if regime is None:

@@ -58,7 +58,7 @@ def optimise(
 
     Args:
         scene: a scene, a path or a gallery name; it needs no drive. Where waypoints are unknown, its drive is replaced,
-            with all that it commands: friction and loads are those of the scene itself.
+            with all that it commands: friction and loads are the scene's own.
         objective: "translation", the gain per period `towards` a direction; "cost-of-transport", work / (distance *
             force), the smaller the better; "travel", gain / sum of all changes of rest lengths, not of bodies that
             turn; of these "turn", the turn per period to the left, or "screw", the least distance of the motion per
@@ -74,7 +74,7 @@ def optimise(
         rate: fastest change of a rest length [m/s].
         tension: largest tension of a spring [N].
         robust: bounds of factors by dotted key: the gait is best where it is worst, over all corners of this box.
-        period: of the waypoints [s]; None for that of the scene's drive, or 1 s.
+        period: of the waypoints [s]; None for the period of the scene's drive, or 1 s.
         seconds: time limit, compiling aside [s], on which the result then depends; None for none.
         seed: of the random numbers; same seed, same result, on any number of cores.
         progress: called with the completed part, in [0, 1].
@@ -85,7 +85,7 @@ def optimise(
             distance by the largest distance of two points of the body.
         towards: in the plane, the direction in which a gain counts, counterclockwise from +x, of a body that turns from
             its heading [degrees]; None for 0. On a line +x counts.
-        periods: on patches of ground, number of periods from the start of which the mean counts; None for 10.
+        periods: on patches of ground, number of first periods whose mean counts; None for 10.
         slower_than: largest inertia number [1]; the period becomes as long as it needs to be, which changes no gain.
         mapped: on a line, whether the objective over the two unknowns it depends on most is examined, too, for a
             picture.
@@ -169,7 +169,7 @@ def build_space(scene: Scene, request: Request) -> tuple[Unknowns, Space]:
 
     Raises:
         SceneError: as for `optimise`.
-        CommandError: likewise.
+        CommandError: as for `optimise`.
     """
     objective, rate, tension, seed = request.objective, request.rate, request.tension, request.seed
     if objective not in OBJECTIVES:

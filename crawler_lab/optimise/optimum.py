@@ -59,7 +59,7 @@ class Weakness:
     Attributes:
         key: the number.
         below: the factor [1] at which that happens when it becomes smaller; None if none was found.
-        above: likewise when it becomes larger [1].
+        above: the factor at which that happens when it becomes larger [1]; None if none was found.
     """
 
     key: str
@@ -86,7 +86,7 @@ class Optimum:
             travel.
         travel: sum of all changes of rest lengths in a period [m].
         peak_tension: largest tension in a period [N].
-        transient_left: estimate of how far the gain is from that of the periodic regime [m]; infinite where periods
+        transient_left: estimate of how far the gain is from the periodic regime's [m]; infinite where periods
             have not settled, NaN on patches.
         found_after_s: when the best gait was found [s].
         evaluations: how many candidates were run.
@@ -107,7 +107,7 @@ class Optimum:
         wall_s: wall-clock time [s].
         motion: in the plane dx, dy per period [m], of a body that turns in its own frame and with dyaw [rad]; None on a
             line.
-        periods: on patches of ground, number of periods from the start of which `gain` is the mean; None elsewhere.
+        periods: on patches of ground, number of first periods whose mean `gain` is; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
         interrupted: whether Ctrl-C ended the search.
         around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as

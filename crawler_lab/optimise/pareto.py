@@ -125,7 +125,7 @@ def pareto(
 
     Raises:
         SceneError: as for `optimise`.
-        CommandError: likewise.
+        CommandError: as for `optimise`.
         TypeError: if another argument is given.
     """
     began = clock()

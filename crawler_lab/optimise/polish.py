@@ -13,7 +13,7 @@ _GAIN = 1e-9
 """Improvements below this part of the score are rounding."""
 _LARGEST_STEP, _SMALLEST_STEP = 0.5, 1e-7
 _SMALLEST_MOVE = 5e-4
-"""Likewise without derivatives, where scores have the tolerance of the scene."""
+"""The same without derivatives, where scores have the tolerance of the scene."""
 _BUNDLE = 6
 """Planes that are collected at a kink before the steps become smaller."""
 Stop = Callable[[], bool]
@@ -24,7 +24,7 @@ def improves(new: float, old: float) -> bool:
 
     Args:
         new: a score [m or 1].
-        old: the score to compare with, likewise [m or 1].
+        old: the score to compare with [m or 1].
 
     Returns:
         True if it is.
@@ -131,8 +131,8 @@ def climb(
 ) -> tuple[np.ndarray, float]:
     """Follow the exact derivatives within trust regions.
 
-    The score is piecewise smooth. A step maximises the least of several planes: those of all scores and, where neither
-    this step nor a part of it is better, those of points on the other side of the kink, too. Without derivatives, see
+    The score is piecewise smooth. A step maximises the least of several planes: of all scores and, where neither this
+    step nor a part of it is better, of points on the other side of the kink, too. Without derivatives, see
     `_search_around`.
 
     Args:

@@ -72,7 +72,7 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     with_table = waypoints is not None or stroke is not None or friction is not None or not given or not plays
     if not with_table:
         if period is not None:
-            raise SceneError(f"period: {period:g} s; without waypoints the period is that of the scene's drive")
+            raise SceneError(f"period: {period:g} s; without waypoints the period of the scene's drive counts")
         base = Scene.model_validate(scene.document() | {"start": "relaxed"})
         keys, low, high = _expand(base, given)
         return Unknowns(base, keys, None, low, high, scene)
@@ -100,7 +100,7 @@ def _check_kind(scene: Scene, request: Request) -> None:
     objective, target, turns = request.objective, request.target, scene.body.turning is not None
     if turns and objective not in TURNING_OBJECTIVES:
         names = ", ".join(TURNING_OBJECTIVES)
-        raise SceneError(f"objective: {objective!r}; that of {scene.name}, which turns, must be one of {names}")
+        raise SceneError(f"objective: {objective!r}; {scene.name} turns, so it must be one of {names}")
     if not turns and objective in ("turn", SCREW):
         raise SceneError(f"objective: {objective!r}; {scene.name} does not turn, as it has no `springs: length`")
     for name in ("rate", "tension"):
@@ -251,7 +251,7 @@ def held_lengths(scene: Scene) -> np.ndarray:
 
     Returns:
         Of each link and segment or joint, in the plane of each component of a link; of a segment whose strain varies,
-        that of its first element [m, 1, rad].
+        of its first element [m, 1, rad].
     """
     row, columns = scene.drive.rows[0], scene.columns
     if scene.dimension == 2:
@@ -288,7 +288,7 @@ def find_strokes(scene: Scene, stroke: Bounds | Mapping[str, Bounds] | None) -> 
             link_0/y; its own name stands for both.
 
     Returns:
-        Whether each link and segment or joint, or component, moves, bool, shape (J,), and the bounds of those that do.
+        Whether each link and segment or joint, or component, moves, bool, shape (J,), and the bounds of all that move.
 
     Raises:
         SceneError: with one line about the first mistake.
@@ -326,7 +326,7 @@ def _range_of_drive(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 def _strokes_by_name(
     scene: Scene, stroke: Mapping[str, Bounds], names: Sequence[str], driven: np.ndarray
 ) -> dict[str, Bounds]:
-    """Check bounds by name, and spread those of a link in the plane over its components."""
+    """Check bounds by name, and give both components of a link in the plane its bounds."""
     able = list(itertools.compress(names, driven))
     found = dict[str, Bounds]()
     for name, bounds in stroke.items():
@@ -346,8 +346,8 @@ def first_points(unknowns: Unknowns) -> list[np.ndarray]:
     """Find the points to begin with.
 
     Returns:
-        The unit point of the scene as it is, its waypoints those of its drive at these times, but not of a scene
-        without a drive; and the middle of the unit box.
+        The unit point of the scene as it is, with its drive at the times of the waypoints, unless it has no drive; and
+        the middle of the unit box.
     """
     middle = np.full(unknowns.low.size, 0.5)
     scene, table = unknowns.original, unknowns.table

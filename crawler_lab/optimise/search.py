@@ -29,7 +29,7 @@ _FLIPPED, _CLIMBED = 12, 3
 _HOPS = {1: 4, 2: 1}
 """Local searches from changed or mixed optima in a round, by the dimension of the body."""
 _TRIED = 8
-"""Changed or mixed optima of which the best one begins a local search."""
+"""Changed or mixed optima; the best one begins a local search."""
 _COARSE, _ALIKE = 1e-2, 5e-2
 """Step at which a local search ends at first, and distance within which it then leads to an optimum that is known."""
 _SAME = 1e-3
@@ -130,7 +130,7 @@ class _Search:
                 return
 
     def over(self) -> bool:
-        """Determine whether the time limit is reached, or without one that of the evaluations."""
+        """Determine whether the time limit is reached, or without one the limit of the evaluations."""
         if self.limit.seconds is None:
             return self.evaluator.evaluations >= MOST_EVALUATIONS
         now = clock()
@@ -210,7 +210,7 @@ class _Search:
         self.pool = self.with_one(self.pool, point, score)
 
     def with_one(self, optima: list[Scored], point: np.ndarray, score: float) -> list[Scored]:
-        """Put a point among others, the best first, of which equal ones and the last ones are left out."""
+        """Put a point among others, the best first, and leave out equal ones and the last ones."""
         optima = sorted([*optima, (score, point.copy())], key=lambda pair: -pair[0])
         return distinct(optima, self.space.canonical)[:_KEPT]
 
@@ -239,7 +239,7 @@ class _Search:
         return found
 
     def waves(self) -> list[np.ndarray]:
-        """Build travelling waves along the body, smooth ones and between the bounds alone."""
+        """Build travelling waves along the body, smooth ones, and others that jump between the bounds."""
         table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
         if table is None:
             return []

@@ -32,8 +32,8 @@ class Table:
         friction: whether the friction of each contact and segment is unknown, too, equal in both directions.
         column_of: for each column of a command row the unknown of its waypoint that it shows, or -1, shape (C,).
         low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
-        high: upper bounds, likewise.
-        span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
+        high: upper bounds of the same shape. span: length by which an unknown is multiplied to get a change of length,
+            1 for links, shape (J,) [1, m].
         held: the actuation of each link, segment and joint, in the plane of each component of a link, NaN where it is
             unknown [m, 1, rad].
         axes: number of components of the actuation of a link.
@@ -84,7 +84,7 @@ class Cycle:
     """A candidate: arrays from which its periodic regime follows.
 
     Attributes:
-        plan: body, start and drive; the first waypoint is in force at the start, the others are those of the period.
+        plan: body, start and drive; the first waypoint is in force at the start, the others belong to the period.
         seconds: duration of the ramp to each waypoint of the period, shape (K,) [s].
     """
 
@@ -106,8 +106,7 @@ class Unknowns:
         keys: numbers of the scene, by dotted keys.
         table: the waypoints, or None if the scene's own drive is played.
         low: lower bounds of the numbers of the scene, then of the waypoints, shape (P,).
-        high: upper bounds, likewise.
-        original: the scene as it was given.
+        high: upper bounds of the same shape. original: the scene as it was given.
     """
 
     base: Scene
@@ -142,7 +141,7 @@ class Unknowns:
 
     @functools.cached_property
     def _changing(self) -> list[tuple[str, ...]]:
-        """The keys that change with each number: its own, and that of its twin in the row that closes a drive."""
+        """The keys that change with each number: its own, and its twin's in the row that closes a drive."""
         return [changing_keys(self.base, key, find_path(self.base, key)) for key in self.keys]
 
     def cycle(self, values: np.ndarray) -> Cycle:
@@ -164,7 +163,7 @@ class Unknowns:
             values: the unknowns, shape (M, P).
 
         Returns:
-            Their arrays: those of the plan have a leading axis of candidates, as in a stack of variations.
+            Their arrays: in the plan they have a leading axis of candidates, as in a stack of variations.
 
         Raises:
             SceneError: if numbers of the scene do not fit together, or change its mesh; then build them one by one.
@@ -204,7 +203,7 @@ class Unknowns:
         return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
 
     def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Build the rows of candidates, that of the start first, and the durations of the ramps to the others."""
+        """Build the rows of candidates, the row of the start first, and the durations of the ramps to the others."""
         if self.table is None or waypoints is None:
             seconds, order = _period_of(drive)
             if self.base.body.turning is not None or self._is_patched:  # gains count from the first waypoint on

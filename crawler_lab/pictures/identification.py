@@ -23,10 +23,10 @@ from ..identify.measurements import Measurements
 from ..identify.sensor.noise import find_spikes
 
 _MOST_RECORDINGS, _MOST_ROWS = 6, 12
-"""Of more recordings or channels, those with the largest residuals in units of their noise are drawn."""
+"""Of more recordings or channels, only the ones with the largest residuals in units of their noise are drawn."""
 _BAND = 1.96
 _BINS, _FEWEST = 24, 5
-"""Parts of a period in which residuals are averaged, and the fewest residuals of which a mean is drawn."""
+"""Parts of a period in which residuals are averaged, and the fewest residuals whose mean is drawn."""
 _PERCENTILE, _LEAST = 99.5, 4.0
 """Residuals up to this percentile without outliers, and this many times the noise, lie within the axes."""
 _GAP = 6.0
@@ -117,7 +117,7 @@ def _largest(sizes: list[float], most: int) -> list[int]:
 
 
 def _assign_misfits(found: Identification) -> list[dict[str, Misfit]]:
-    """Assign misfits to recordings, two of which may have the same name, by channel."""
+    """Assign misfits to recordings by channel; two recordings may have the same name."""
     left = list(found.misfits)
     assigned: list[dict[str, Misfit]] = []
     for measured in found.recordings:
@@ -136,7 +136,7 @@ def _collect_rows(found: Identification, i: int, misfits: dict[str, Misfit]) -> 
     rows = []
     for m, channel in enumerate(measured.channels):
         misfit = misfits.get(channel)
-        # the noise of a recording of which nothing is fitted is known from others
+        # the noise of a recording without a fitted row is known from others
         others = [one.noise for one in found.misfits if one.channel == channel]
         noise = float(np.median(others or noises[m])) if misfit is None else misfit.noise
         expected = np.full(measured.time.size, noise)
@@ -148,7 +148,7 @@ def _collect_rows(found: Identification, i: int, misfits: dict[str, Misfit]) -> 
 
 
 def _plot_recording(part: SubFigure, measured: Measurements, fitted: np.ndarray, rows: list[_Row]) -> None:
-    """Plot the positions of a recording, a key beside them, and below the residuals of each channel."""
+    """Plot the positions of a recording with a key, and below the residuals of each channel."""
     ratios = [2.6 if len(rows) <= 6 else 4.0, *(1.0 for _ in rows)]
     axes = part.subplots(1 + len(rows), 2, squeeze=False, height_ratios=ratios, width_ratios=[2.4, 1.0])
     over_time, over_phase = axes[:, 0], axes[1:, 1]

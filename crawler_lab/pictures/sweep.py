@@ -128,7 +128,7 @@ def find_jumps(values: np.ndarray) -> np.ndarray:
 
 
 def draw_broken(axes: Axes, at: np.ndarray, values: np.ndarray, breaks: np.ndarray, **style: Any) -> None:
-    """Draw a curve that is not joined across breaks; the samples beside them are dots.
+    """Draw a curve that is not joined across breaks; the samples next to them are dots.
 
     Args:
         axes: axes to draw on.

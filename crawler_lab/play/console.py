@@ -124,7 +124,7 @@ class Console(Robot):
     def _find_row(self) -> np.ndarray:
         """Find the command in force, at which a ramp begins.
 
-        What the states do not reveal of it, friction and loads above all, is what was sent last, or that of the scene.
+        What the states do not reveal of it, friction and loads above all, is what was sent last, or what the scene has.
         """
         row = self.scene.drive.rows[0] if self.row is None else self.row
         return find_command(self.scene, self._read("joint_states"), row)

@@ -155,7 +155,7 @@ class Controls:
             row: the command row without the share of the slope, shape (C,).
 
         Returns:
-            The settings, with the values of the leader as those of the hand.
+            The settings, with the values of the leader in the hand's place.
         """
         hand, led = np.array(settings.hand), self.led(settings.mode)
         hand[led] = row[led]
@@ -194,7 +194,7 @@ class Controls:
         return ends, rows, clock
 
     def tilt(self, rows: np.ndarray, slope: float) -> np.ndarray:
-        """Add what a slope changes beside that of the scene.
+        """Add what a slope changes compared with the scene's.
 
         A slope acts as loads -w sin(theta), and on friction that follows from the weight by the factor cos(theta).
 
@@ -254,7 +254,7 @@ class Controls:
             row: the command row without the share of the slope, shape (C,).
 
         Returns:
-            The value of each control, in order; of one that sets several columns that of the first.
+            The value of each control, in order; of one that sets several columns, the value of the first.
         """
         return [settings.slope if c.kind == SLOPE else float(row[c.columns[0]]) for c in self.controls.values()]
 

@@ -55,7 +55,7 @@ def write_scene(session: Session) -> Scene:
     allowed = _find_tolerance(scene)
     try:
         found = Scene.model_validate(document)
-        if allowed > 0.0:  # that of a scene is relative to its drive
+        if allowed > 0.0:  # the tolerance of a scene is relative to its drive
             document["tolerance"] = min(tolerance_of(scene) * allowed / _find_tolerance(found), LARGEST_TOLERANCE)
             found = Scene.model_validate(document)
     except SceneError as error:
@@ -113,7 +113,7 @@ def _merge(columns: Columns, table: np.ndarray, sizes: np.ndarray) -> np.ndarray
     """Merge columns that a drive commands together.
 
     Raises:
-        CommandError: if they differ, as those of a wave along a segment.
+        CommandError: if they differ, as in a wave along a segment.
     """
     firsts = np.concatenate(([0], np.cumsum(sizes)[:-1]))
     merged = table[:, firsts]

@@ -1,4 +1,4 @@
-"""The guided scenes: pages of the documentation, each of which opens at an instant that is worth looking at."""
+"""The guided scenes: pages of the documentation, each opening at an instant that is worth looking at."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Lesson:
 
     Attributes:
         name: of its page, and of its scene if the page opens several.
-        title: of its page, likewise.
+        title: of its page, or of its scene.
         text: what is seen.
         steps: what to do, in order.
         scene: name of the scene in the gallery.

@@ -272,7 +272,7 @@ class Session:
         self.changed += 1
 
     def _set(self, mode: Any, hand: dict[str, float], wave: list[float], slope: float) -> None:
-        """Set settings from a text, with the checks of those of a page."""
+        """Set settings from a text, with the checks that settings of a page pass."""
         names = asdict(self.settings.wave)
         given = self.controls.change(self.settings, {"mode": mode, "wave": dict(zip(names, wave, strict=True))})
         row = list(given.hand)

@@ -14,7 +14,7 @@ from .loop import Path, Shape, compute_force, find_reversals, follow_stop
 _MOST = Shape(3, 4)
 """Most knots and elements."""
 _ROWS = 1500
-"""Rows of which the numbers of elements and pieces are chosen; all rows determine the parameters."""
+"""Rows by which the numbers of elements and pieces are chosen; all rows determine the parameters."""
 _REACHES, _PARTS, _KNOTS = 20, (-1.0, 0.0, 1.0), 15
 """Elements and knots that are tried: reaches, first forces, places."""
 _EDGE = 0.04
@@ -187,7 +187,7 @@ def _additions(target: Target, best: Fit) -> Iterator[tuple[Shape, np.ndarray]]:
     shape, x = best.shape, best.x
 
     def explain(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the coefficients of columns beside all parameters, and how much each alone would explain."""
+        """Compute the coefficients of columns added to all parameters, and how much each would explain by itself."""
         columns = target.whitening.apply(columns)
         columns = columns - (columns @ basis) @ basis.T
         square = np.maximum((columns**2).sum(axis=1), 1e-300)

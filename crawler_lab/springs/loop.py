@@ -81,7 +81,7 @@ def find_reversals(elongation: np.ndarray, least: float) -> np.ndarray:
         least: that length [m].
 
     Returns:
-        Numbers of rows: the first, those of the reversals, and the end of the last run.
+        Numbers of rows: the first, the reversals, and the end of the last run.
     """
     path = build_path(elongation)
     starts = np.searchsorted(path.run, np.arange(path.turns.size))
@@ -125,7 +125,7 @@ def follow_stop(path: Path, reach: float, part: float) -> tuple[np.ndarray, np.n
 
 
 def compute_spring(path: Path, shape: Shape, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the force of the spring alone, and its derivatives with respect to its own parameters.
+    """Compute the force of only the spring, and its derivatives with respect to its own parameters.
 
     Returns:
         The force, shape (R,) [N], and the derivatives, shape (2 + 2 knots, R).

@@ -26,7 +26,7 @@ class Rate:
         speeds: the slowest and the fastest run of the record [m/s].
         difference: root mean square of the change of the force from slow to fast runs; None without two speeds [N].
         part: the same as a part of the width of the loop [1].
-        chance: probability that noise alone shows as large a difference [1].
+        chance: probability that mere noise shows as large a difference [1].
     """
 
     verdict: str

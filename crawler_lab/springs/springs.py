@@ -84,7 +84,7 @@ class Springs:
         width: greatest difference between loading and unloading at the same elongation [N].
         widths: the same at a quarter and at three quarters of the elongations, shape (2,) [N].
         residual: root mean square of what the fit leaves [N].
-        noise: standard deviation of a row beside its neighbours [N].
+        noise: standard deviation of a row from its neighbours [N].
         rate: whether the loop depends on the rate; None without times.
         notes: what else is to be known.
         time: of the rows, or their numbers, shape (R,) [s].
@@ -111,7 +111,7 @@ class Springs:
 
     @property
     def explained(self) -> bool:
-        """Whether the residuals are noise, or small beside the loop."""
+        """Whether the residuals are noise, or small compared with the loop."""
         return self.residual <= max(FITS * self.noise, _SMALL * self.width)
 
     def scene_lines(self) -> str:

@@ -151,7 +151,7 @@ def _limits_of(tension: Any) -> Any:
 
 
 def _spread(scene: Scene, document: dict[str, Any], path: KeyPath) -> None:
-    """Write one number for all as a list, of which a key names an entry."""
+    """Write one number for all as a list, so that a key can name an entry."""
     node: Any = document
     for step in path[:-1]:
         node = node[step]

@@ -85,8 +85,8 @@ def simulate_many(
     """Run many scenes in parallel.
 
     An invalid scene, which `vary` detects only when it builds it, does not stop the others. Positions are bitwise equal
-    to those of `simulate`: with `exact` at a rate of one tick for the whole run (at any other rate within rounding),
-    with `catch_up` at the same rate. They do not depend on the number of workers.
+    to `simulate`'s: with `exact` at a rate of one tick for the whole run (at any other rate within rounding), with
+    `catch_up` at the same rate. They do not depend on the number of workers.
 
     Args:
         scenes: the scenes to run, for example from `vary`.
@@ -224,7 +224,7 @@ def _ramps(crawler: Crawler, settings: Settings) -> Iterator[tuple[np.ndarray, n
     """Generate the ramps of a run in blocks that fit in memory: from waypoint to waypoint if exact, else with ticks.
 
     Yields:
-        Targets, shape (V, S + 2 N), and indices of those that end a period.
+        Targets, shape (V, S + 2 N), and indices of targets that end a period.
     """
     drive, most = crawler.scene.drive, most_ramps(crawler.body)
     end_ns = round((default_duration(drive) if settings.duration is None else settings.duration) * NS)

@@ -48,9 +48,9 @@ class ManyRuns(Tabular):
         status: "done", "invalid", or "not run" after an interrupt, shape (M,).
         reason: reason why a run is invalid, "" for the others.
         net_translation: y at the end, shape (M,); (M, 2) if a scene is planar [m].
-        gained: y at the end minus y at the start, likewise [m].
-        per_period: y gained in the last whole period, likewise [m]; NaN without a whole period.
-        settling: difference of the last two periods, likewise [m]; NaN with fewer than two.
+        gained: y at the end minus y at the start, of the same shape [m].
+        per_period: y gained in the last whole period, of the same shape [m]; NaN without a whole period.
+        settling: difference of the last two periods, of the same shape [m]; NaN with fewer than two.
         work: work of the actuators, shape (M,) [J].
         dissipation: energy lost to friction, shape (M,) [J].
         stored: change of the energy stored in the springs, shape (M,) [J].
@@ -60,7 +60,7 @@ class ManyRuns(Tabular):
         visited_margin: how close all contacts came to sliding at once, shape (M,); for bodies of more than 256
             contacts and with catch_up only at the ends of ramps.
         period_work: work of the actuators in the last whole period, shape (M,) [J]; NaN without one.
-        period_dissipation: energy lost to friction in the last whole period, likewise [J].
+        period_dissipation: energy lost to friction in the last whole period, shape (M,) [J]; NaN without one.
         cost_of_transport: work / (distance * force) of the last whole period, shape (M,): the distance is |per_period|,
             of a body that turns the length of (dx, dy), the force the sum of `body.weights`, or without weights the sum
             of (mu_plus + mu_minus) / 2, its mean over a period. NaN without a whole period, and for a body that does
@@ -68,15 +68,14 @@ class ManyRuns(Tabular):
         body_lengths: per_period in lengths of the body (in the plane, this distance), shape (M,).
         dx: how far a body that turns went forward in the last whole period, in its own frame as in
             `Trajectory.per_period`, shape (M,) [m]; NaN without a period, and for bodies that do not turn.
-        dy: likewise to the left, shape (M,) [m].
-        dyaw: how far it turned, likewise, shape (M,) [rad].
+        dy: how far it went to the left, shape (M,) [m].
+        dyaw: how far it turned, shape (M,) [rad].
         unique: False if the translation was not determined on some stretch, shape (M,).
         events: number of linear pieces, shape (M,).
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
         unsolved: number of ramps in which the search for the sliding contacts failed, shape (M,).
         periods: number of whole periods, shape (M,).
-        kernel_s: time spent in compiled kernels, a share of that of the call for runs that went together, shape (M,)
-            [s].
+        kernel_s: time spent in compiled kernels, for runs that went together a share of the call's, shape (M,) [s].
         interrupted: True if Ctrl-C stopped the runs; completed runs are included.
         wall_s: wall-clock time [s].
     """

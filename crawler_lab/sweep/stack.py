@@ -2,7 +2,7 @@
 
 Variations that share a mesh are assembled by the same functions as a single scene: a number that varies is an array of
 shape (M, 1), and what follows from it has a leading axis of variations. Rules are checked for all variations at once;
-one that may break a rule is validated alone, so that its message is that of the scene.
+one that may break a rule is validated by itself, so that its message is the scene's.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Stack:
     Attributes:
         assembly: the parts and arrays of all. These have a leading axis of variations: `body.stiffness` (M, S),
             `ground.weight` (M, N), `columns.slope_load` (M, N), `drive.times` (M, W), `drive.period` (M, 1),
-            `drive.rows` (M, W, C), `drive.targets` (M, W, F) and `start_displacement` (M, N). Everything else is that
-            of the first variation.
+            `drive.rows` (M, W, C), `drive.targets` (M, W, F) and `start_displacement` (M, N). Everything else belongs
+            to the first variation.
         length: length of the body in its reference shape, shape (M,) [m].
         reasons: why a variation is invalid, by index; the arrays of these variations may hold anything.
     """
@@ -109,7 +109,7 @@ def stack(variations: Sequence[Scene], check: bool = True) -> Stack:
             if they do not change the mesh: differences of such arrays are derivatives.
 
     Returns:
-        The stack. Its arrays equal those of the scenes assembled alone to the bit.
+        The stack. Its arrays equal, to the bit, the arrays of scenes assembled one by one.
 
     Raises:
         SceneError: if the variations do not have the same contacts and springs, lie in the plane, or are all invalid.
@@ -175,7 +175,7 @@ def fingerprint(scene: Assembly) -> tuple[Any, ...]:
         scene: the scene.
 
     Returns:
-        A key; that of a scene that cannot be stacked equals no other.
+        A key; a scene that cannot be stacked has a key that equals no other.
     """
     if not can_be_stacked(scene):
         return (id(scene),)

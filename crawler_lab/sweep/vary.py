@@ -154,8 +154,8 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
     """Build variations of a scene.
 
     Args:
-        scene: a scene, a path or a gallery name. The elements of its segments stay those of the base scene, unless the
-            accuracy is varied.
+        scene: a scene, a path or a gallery name. Its segments keep the elements of the base scene, unless the accuracy
+            is varied.
         values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `ground.slope`, `body.links.stiffness` (of all links) or `body.links.stiffness[0]`
             (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`,

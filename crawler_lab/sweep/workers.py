@@ -1,7 +1,7 @@
 """Distribution of runs over cores: threads if kernels dominate the time, additional processes if Python does.
 
 The kernels run without the interpreter's lock, so threads scale well as long as scenes are assembled together. Where
-each scene is built alone, under the lock, most of the time goes there for small bodies: then each thread except the
+each scene is built by itself, under the lock, most of the time goes there for small bodies: then each thread except the
 first delegates to a Python process of its own. These are plain subprocesses: the program of the caller is neither
 imported nor forked.
 """

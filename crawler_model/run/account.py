@@ -38,9 +38,9 @@ class Energy:
         dissipation: energy lost to friction [J].
         stored: change of the energy stored in the springs from start to end [J].
         residual: error of the balance [J].
-        peak: largest amount of energy stored during the run; that of a bent spring may be negative [J].
+        peak: largest amount of energy stored during the run; of a bent spring it may be negative [J].
         loads_work: work of the loads [J].
-        jump_loss: energy lost in jumps on patches of ground, beside that lost to friction [J].
+        jump_loss: energy lost in jumps on patches of ground, not to friction [J].
         internal_dissipation: energy lost in springs with hysteresis [J].
     """
 
@@ -65,7 +65,7 @@ class Energy:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TickEnergies:
-    """Energies by tick. Each array has shape (T,), its first entry is that of the start, and is read-only.
+    """Energies by tick. Each array has shape (T,), begins with the entry of the start, and is read-only.
 
     But for rounding (with catch_up, its error), the sum of dissipation, internal_dissipation, jump_loss and the change
     of stored since the tick before equals the sum of work and loads_work.

@@ -42,7 +42,7 @@ class LimitCycle:
         gain: y gained in the last period [m]; in the plane shape (2,); of a body that turns dx, dy [m] and dyaw [rad]
             in its frame, as in `Trajectory.per_period`, shape (3,).
         work: work of the actuators in the last period [J].
-        transient_left: estimate of how far `gain` is from that of the periodic regime [m]: where the tensions repeat,
+        transient_left: estimate of how far `gain` is from the periodic regime's [m]: where the tensions repeat,
             the rounding of the gain, and what it hides of a slow transient; the tail of a geometric series where their
             difference shrinks; infinite where it does not shrink yet.
         settled: whether `transient_left` is within the tolerance.
@@ -134,8 +134,8 @@ def repeat_period(
         crawler: at the start of a period; it moves on.
         targets: the ramps of a period, shape (V, F).
         tolerance: as for `limit_cycle` [1].
-        most_periods: likewise.
-        progress: likewise.
+        most_periods: as for `limit_cycle`.
+        progress: as for `limit_cycle`.
 
     Returns:
         The periodic regime, or how far the run came.
@@ -208,7 +208,7 @@ class _Periods:
         return max(b / a if a > 0.0 else 0.0 for a, b in itertools.pairwise(last))
 
     def transient_left(self) -> float:
-        """Estimate how far the last gain is from that of the periodic regime [m]."""
+        """Estimate how far the last gain is from the periodic regime's [m]."""
         if self.repeats and self.turns:
             return self.error * self.travel
         if self.repeats:

@@ -41,7 +41,7 @@ class Inertia:
     Attributes:
         number: r, the largest of |dv| sqrt(K m) / (F + B) over contacts and events [1].
         time: when that contact starts, stops or changes its velocity [s]; None where nothing moves.
-        contact: the contact, counted along the body; None likewise.
+        contact: the contact, counted along the body; None where nothing moves.
         period_for_1_percent: period from which on the deviation stays below 1 % [s]; of a drive without a period its
             duration, None without a drive.
     """
@@ -141,7 +141,7 @@ class InertiaMeter:
 
     Bodies on a line have a twin that follows the same ramps and notes the pieces of its path, so that the run itself
     stays as it is, to the bit. In the plane, on patches of ground and of very long bodies, mean velocities of ramps
-    stand for those of pieces: the velocities before and after each ramp are compared, as its event lies within it.
+    stand for velocities of pieces: the velocities before and after each ramp are compared, as its event lies within it.
     """
 
     def __init__(self, plan: Plan, masses: np.ndarray) -> None:
@@ -255,7 +255,8 @@ class InertiaMeter:
     def _friction(self, rows: np.ndarray, x: np.ndarray | None = None) -> np.ndarray:
         """Compute the sum of the frictions of each contact against sliding forward and backward, shape (V, N) [N].
 
-        In a segment it is that of the whole segment, along which a jump of velocity wears off as a wave, on any mesh.
+        In a segment it is the sum of the whole segment, along which a jump of velocity wears off as a wave, on any
+        mesh.
         """
         plan, body = self._plan, self._plan.body
         n, bounds = body.contacts, rows[:, body.lengths :]

@@ -35,7 +35,7 @@ _MOST_PERIODS = 500
 _GAINED = 1e-11
 """A gain below this part of the stroke is rounding."""
 _NO_STROKE = 1e-6
-"""The least stroke assumed, as a part of the body's length: friction alone may drive a body."""
+"""The least stroke assumed, as a part of the body's length: friction may drive a body without any stroke."""
 
 Cause = Literal["gain", "equilibrium", "no travel", "budget"]
 
@@ -72,7 +72,7 @@ class Limit:
 def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[float], None] | None = None) -> Limit:
     """Find the steepest slope, uphill in the direction of travel, on which a period of the drive still gains.
 
-    The direction is that on level ground; the slope of the scene does not matter, its other loads do. On patches of
+    The direction is taken on level ground; the slope of the scene does not matter, its other loads do. On patches of
     ground the whole path of the body counts; they are tilted with the track.
 
     A gain need not fall steadily with the slope, as friction by coefficients falls with it: of SLOPES_TRIED slopes up
@@ -111,7 +111,7 @@ def largest_tow(
 ) -> Limit:
     """Find the largest constant force on one contact, against the travel, with which a period still gains.
 
-    The direction of travel is that of the scene with its own slope and loads. On patches of ground the whole path of
+    The scene with its own slope and loads determines the direction of travel. On patches of ground the whole path of
     the body counts.
 
     Args:

@@ -11,7 +11,7 @@ def shape_orientation(position: ArrayLike, displacement: ArrayLike) -> np.ndarra
 
     It is the angle of the rotation R in the polar decomposition of sum_i (p_i - mean p) (xi_i - mean xi)^T, where
     p = xi + x are the positions: the rotation that fits the positions to the reference shape with the least squares.
-    Springs are vectors, so nothing turns the body as a whole: the angle follows from commands and sliding alone.
+    Springs are vectors, so nothing turns the body as a whole: the angle follows only from commands and sliding.
 
     Args:
         position: reference positions xi, shape (N, 2) [m].

@@ -20,7 +20,7 @@ _ROUNDING = 16.0 * EPS
 
 
 def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
-    """Compute the tensions from which the motion goes on; where a spring is bent, those of a linear one instead.
+    """Compute the tensions from which the motion goes on; where a spring is bent, tensions of a linear one instead.
 
     The tension of a bent spring that is slack or at a limit does not tell its length. The forces of elements of
     hysteresis follow, which remember.

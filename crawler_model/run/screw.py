@@ -24,7 +24,7 @@ class Screw:
 
     Attributes:
         centre: in the frame of the body before the motion [m]; None for a motion that does not turn the body.
-        radius: distance of the origin of this frame from the centre [m]; None likewise.
+        radius: distance of the origin of this frame from the centre [m]; None where `centre` is.
     """
 
     centre: tuple[float, float] | None
@@ -119,7 +119,7 @@ def follow_turning(
     Args:
         crawler: of a body that turns.
         targets: rows as for `Crawler.follow`, at least one, shape (V, F).
-        records: output, likewise.
+        records: output, as for `Crawler.follow`.
         ends: times at which the ramps end, shape (V,) [s].
 
     Returns:

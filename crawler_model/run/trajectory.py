@@ -35,7 +35,7 @@ class TimedJump:
         border: position of the border on the track [m]; None for a body that loses its stability.
         distance: from the border to where the contact came to rest or to the next border, towards +x positive; of a
             body that loses its stability, how far the contact moved that moved farthest [m].
-        loss: energy lost beside that lost to friction, >= 0 [J].
+        loss: energy lost in addition to friction, >= 0 [J].
     """
 
     time: float
@@ -67,7 +67,7 @@ class Trajectory(Tabular):
             origin of that frame lies in the middle of the heading, whose direction is its x axis.
         yaw: angle of the heading at the times of `time`, whole turns counted, shape (T,) [rad]; 0 for bodies that do
             not turn.
-        waypoint_yaw: likewise at the times of `waypoint_time`, shape (W,) [rad].
+        waypoint_yaw: the same at the times of `waypoint_time`, shape (W,) [rad].
         energy: energy account of the whole run.
         energies: energies by tick.
         jumps: contacts that crossed a border onto ground that holds less, or where a body that turns lost its
@@ -75,7 +75,7 @@ class Trajectory(Tabular):
         wall_push: what contacts at walls push, at the start and at each waypoint, in order.
         stability_margin: of a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None,
             and where no command changed.
-        stability_time: end of the ramp on which it was least [s]; None likewise.
+        stability_time: end of the ramp on which it was least [s]; None where `stability_margin` is.
         violation: largest amount by which a spring force exceeds its bound [N].
         unique: False if the translation was not determined on some stretch.
         uniqueness_margin: margin of the commanded friction, its minimum over the waypoints [1]; None if undecided.

@@ -21,7 +21,7 @@ def supporting_force(scene: Plan) -> np.ndarray:
         scene: the scene, or variations of it.
 
     Returns:
-        The sum of the weights; without weights that of the friction of all contacts, the mean of both directions (in
+        The sum of the weights; without weights the sum of the friction of all contacts, the mean of both directions (in
         the plane of all directions given) and over a period of the drive, sum (mu_plus + mu_minus) / 2, shape () or
         (M,) [N].
     """

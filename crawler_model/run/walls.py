@@ -14,7 +14,8 @@ class WallPush:
     """The push of a contact on a wall at an instant; friction leaves an interval open.
 
     The ground under a contact at a wall ahead may hold any part of the spring force g between its bounds, -mu_minus and
-    mu_plus. The push is therefore any force in [g - mu_plus, g + mu_minus] that is not negative; behind likewise.
+    mu_plus. The push is therefore any force in [g - mu_plus, g + mu_minus] that is not negative; behind in the same
+    way.
 
     Attributes:
         time: simulated time [s].
@@ -40,7 +41,7 @@ def find_pushes(
         scene: the scene.
         time: times, shape (W,) [s].
         x: displacement at these times, shape (W, N) [m].
-        tension: likewise, shape (W, S) [N].
+        tension: at the same times, shape (W, S) [N].
         target: targets in force, shape (W, S + 2 N) or with loads (W, S + 3 N) [m, N].
 
     Returns:

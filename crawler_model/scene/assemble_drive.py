@@ -148,7 +148,7 @@ def _build_waves(
     waves = [w for w in (part.wave, part.friction_wave) if w is not None]
     period = waves[0].period
     if any(w.period != period for w in waves):
-        raise SceneError("drive.friction_wave.period: it must equal that of drive.wave")
+        raise SceneError("drive.friction_wave.period: it must equal drive.wave.period")
     times = _merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
     actuation = np.zeros((times.size, columns.lengths))

@@ -1,4 +1,4 @@
-"""Assemble what links and segments have beside a stiffness: curves, limits of tension, passive springs and stops."""
+"""Assemble what links and segments have besides a stiffness: curves, limits of tension, passive springs and stops."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _checked(bend: Bend, where: str) -> Bend:
         raise SceneError(f"{where}: its tension is the same at all lengths; a spring needs a stiffness > 0 somewhere")
     if bend.sliders and bend.is_flat_somewhere:
         raise SceneError(
-            f"{where}.hysteresis: where the spring beside it is slack or at a limit of `tension`, nothing but "
+            f"{where}.hysteresis: where the spring in parallel is slack or at a limit of `tension`, nothing but "
             "the elements would hold, which is not supported; give it a `passive` spring, too"
         )
     return bend

@@ -64,9 +64,9 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
 def relax_loaded(assembly: Assembly) -> Assembly:
     """Replace a start without spring forces by one that the loads allow.
 
-    A contact whose load exceeds its own friction must be held by springs. The tensions are then those of least elastic
-    energy within the bounds, in which the body ends if it is put down without tension and the loads are applied in one
-    catch-up step. On patches the bounds are those of the ground where contacts are without tension.
+    A contact whose load exceeds its own friction must be held by springs. The tensions then have the least elastic
+    energy within the bounds, as the body ends if it is put down without tension and the loads are applied in one
+    catch-up step. On patches the ground where contacts are without tension determines the bounds.
 
     Args:
         assembly: the assembly of a scene with `start: relaxed`.
@@ -131,7 +131,7 @@ def check_start(assembly: Assembly) -> None:
     if forward[worst] + backward[worst] < 0.0:
         raise SceneError(
             f"start.displacement: {body.name_of(worst)} stands on the border at {body.position[worst] + x[worst]:g} m "
-            "between two slopes, a top on which friction holds it against neither; start beside it"
+            "between two slopes, a top on which friction holds it against neither; start next to it"
         )
     g = force[worst]
     ahead = forward[worst] - g < g + backward[worst]
@@ -195,7 +195,7 @@ def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
         ahead, behind = track.walls.find_rooms(body.position, x) == 0.0
         margins = np.minimum(np.where(ahead, np.inf, forward - force), np.where(behind, np.inf, force + backward))
     ends = np.abs(x)[..., body.ends]
-    terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # of which T is left
+    terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # terms of T
     return force, margins, margins + _ROUNDING * (body.force_size(terms) + forward + backward)
 
 

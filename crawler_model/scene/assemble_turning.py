@@ -155,7 +155,7 @@ def _read_stiffness(values: Any, count: int, spring: str, unit: str) -> np.ndarr
 
 
 def _find_frames(points: np.ndarray, ends: np.ndarray, given: Sequence[Sequence[int]] | None) -> np.ndarray:
-    """Find the two points of the frame of each point, int64, shape (N, 2); by default those of its first link."""
+    """Find the two points of the frame of each point, int64, shape (N, 2); by default the ends of its first link."""
     count = len(points)
     if given is None:
         rows = [np.flatnonzero((ends == i).any(axis=1)) for i in range(count)]
@@ -167,7 +167,7 @@ def _find_frames(points: np.ndarray, ends: np.ndarray, given: Sequence[Sequence[
         _check_points(f"friction.frame: point {i}", pair, points, "a direction needs two places")
         if tuple(pair) not in linked:
             raise SceneError(
-                f"friction.frame: point {i} has {list(pair)}, which no link joins; its direction must be that of a link"
+                f"friction.frame: point {i} has {list(pair)}, which no link joins; name the two ends of a link"
             )
     return frozen(given, np.int64)
 

@@ -118,7 +118,7 @@ class Assembly:
         if "slope_load" in arrays:
             columns = dataclasses.replace(columns, slope_load=arrays["slope_load"])
         period: Any = arrays.get("period")
-        if period is not None and period.ndim < 2:  # that of one variation
+        if period is not None and period.ndim < 2:  # of one variation
             period = float(period.item())
         return Assembly(
             self.parts,
@@ -136,7 +136,7 @@ class Assembly:
             at: its index.
 
         Returns:
-            An assembly with its arrays; parts and slope are those of all.
+            An assembly with its arrays; parts and slope are shared by all.
         """
         arrays = self.arrays().items()
         return self.with_arrays({name: array[at] if np.ndim(array) > AXES[name] else array for name, array in arrays})

@@ -141,7 +141,7 @@ class _Friction(Part):
 
     @property
     def sides(self) -> tuple[Any, ...]:
-        """Forward and backward friction, likewise."""
+        """Forward and backward friction, in the same way."""
         return self.quarters[:2]
 
 
@@ -149,12 +149,12 @@ class CoefficientPart(_Friction):
     """Coefficients of friction: mu = coefficient * weight * cos(slope)."""
 
     forward: Numbers | None = optional("Against sliding towards +x: one number, or one each.", "1", minimum=0)
-    backward: Numbers | None = optional("Against sliding towards -x, likewise.", "1", minimum=0)
+    backward: Numbers | None = optional("The same against sliding towards -x.", "1", minimum=0)
     isotropic: Numbers | None = optional(
         "The same in both directions; in the plane in every direction.", "1", minimum=0
     )
     left: Numbers | None = optional("With `springs: length`: against sliding to the left.", "1", minimum=0)
-    right: Numbers | None = optional("Likewise, to the right.", "1", minimum=0)
+    right: Numbers | None = optional("The same to the right.", "1", minimum=0)
     directions: tuple[Number, ...] | None = optional("In the plane: angles, as for friction given as forces.", "rad")
     value: Table | None = optional("Coefficient in each direction: one row, or one per contact.", "1", minimum=0)
 
@@ -190,7 +190,7 @@ class FrictionPart(_Friction):
         "N",
         minimum=0,
     )
-    right: Numbers | None = optional("Likewise, to the right of the frame.", "N", minimum=0)
+    right: Numbers | None = optional("The same to the right of the frame.", "N", minimum=0)
     frame: tuple[tuple[int, int], ...] | None = optional(
         "With `springs: length`: for each point the two points of a link whose direction is its forward direction. "
         "Default: its first link."
@@ -230,10 +230,10 @@ class FrictionRowsPart(_Friction):
         "N, N/m",
         minimum=0,
     )
-    backward: Table | None = optional("Against sliding towards -x, likewise.", "N, N/m", minimum=0)
-    left: Table | None = optional("With `springs: length`: against sliding to the left, likewise.", "N", minimum=0)
-    right: Table | None = optional("Likewise, to the right.", "N", minimum=0)
-    isotropic: Table | None = optional("The same in both directions, likewise.", "N, N/m", minimum=0)
+    backward: Table | None = optional("The same against sliding towards -x.", "N, N/m", minimum=0)
+    left: Table | None = optional("With `springs: length`: the same against sliding to the left.", "N", minimum=0)
+    right: Table | None = optional("The same to the right.", "N", minimum=0)
+    isotropic: Table | None = optional("The same in both directions.", "N, N/m", minimum=0)
 
 
 def average(part: float | TablePart, edges: np.ndarray) -> np.ndarray:

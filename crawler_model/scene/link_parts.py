@@ -79,11 +79,11 @@ class StopsPart(Part):
 
 
 class PassivePart(Part):
-    """A passive spring beside the actuator, over the elongation z itself."""
+    """A passive spring in parallel with the actuator, over the elongation z itself."""
 
     stiffness: Number | None = optional("Stiffness, of segments a modulus; or give a `curve`.", "N/m, N", minimum=0)
     curve: CurvePart | None = optional("Tension over the elongation, instead of `stiffness`.")
-    stops: StopsPart | None = optional("Mechanical stops, beside a spring or alone.")
+    stops: StopsPart | None = optional("Mechanical stops, with or without a spring.")
 
     @model_validator(mode="after")
     def _fits(self) -> PassivePart:
@@ -97,7 +97,7 @@ class PassivePart(Part):
 
 
 class HysteresisPart(Part):
-    """A Maxwell-slip element beside a spring, a spring in series with a slider: it yields and remembers."""
+    """A Maxwell-slip element in parallel with a spring: a spring and a slider in series, which yield and remember."""
 
     stiffness: Number = key("Stiffness, of segments a modulus.", "N/m, N", exclusiveMinimum=0)
     yields_at: Number = key(
@@ -119,8 +119,8 @@ _MOST_ELEMENTS = 100
 HysteresisKey = Annotated[
     tuple[HysteresisPart, ...],
     key(
-        "Maxwell-slip elements beside the spring, over the elongation z: they draw loops of loading and unloading. "
-        "Default: none."
+        "Maxwell-slip elements in parallel with the spring, over the elongation z: they draw loops of loading and "
+        "unloading. Default: none."
     ),
 ]
 CurveKey = Annotated[
@@ -136,7 +136,8 @@ TensionKey = Annotated[
     ),
 ]
 PassiveKey = Annotated[
-    PassivePart | None, key("Passive spring or stops beside the actuator, over the elongation z. Default: none.")
+    PassivePart | None,
+    key("Passive spring or stops parallel to the actuator, over the elongation z. Default: none."),
 ]
 
 
@@ -200,7 +201,7 @@ class JointsPart(Part):
 
     stiffness: Numbers = key("One number, or one per joint.", "N m/rad", exclusiveMinimum=0)
     between: tuple[tuple[int, int, int], ...] | None = optional(
-        "The three points of each joint; its turning angle is that at the second, 0 where they lie on a line, positive "
+        "The three points of each joint; its turning angle lies at the second, 0 where they lie on a line, positive "
         "to the left. Default: all points that follow each other."
     )
 

@@ -147,7 +147,7 @@ class DrivePart(Part):
         "m, 1, rad",
     )
     friction: FrictionRowsPart | Number | None = optional(
-        "With `times`: commanded friction; default: that of the scene. With a `strategy`: mu, the mean friction of "
+        "With `times`: commanded friction; default: the scene's. With a `strategy`: mu, the mean friction of "
         "both contacts.",
         "N",
         minimum=0,
@@ -160,7 +160,7 @@ class DrivePart(Part):
     )
     wave: WavePart | None = optional("A travelling wave of lengths and strains.")
     friction_wave: WavePart | None = optional(
-        "A travelling wave of isotropic friction; alone, or together with a `wave` of the same period."
+        "A travelling wave of isotropic friction, with or without a `wave` of the same period."
     )
     strategy: Literal["A", "B", "C"] | None = optional(
         "Two contacts on one link, driven as in the paper's section 5.2."
@@ -216,9 +216,9 @@ class PatchPart(Part):
     forward: Number | None = optional(
         "Instead of `friction`: factor on the friction against sliding towards +x. Default: 1.", "1", minimum=0
     )
-    backward: Number | None = optional("Likewise, against sliding towards -x. Default: 1.", "1", minimum=0)
+    backward: Number | None = optional("The same against sliding towards -x. Default: 1.", "1", minimum=0)
     slope: Number | None = optional(
-        "Slope of the patch, positive uphill towards +x. Default: that of the track.",
+        "Slope of the patch, positive uphill towards +x. Default: the track's.",
         "degrees",
         exclusiveMinimum=-90,
         exclusiveMaximum=90,
@@ -255,9 +255,9 @@ class WallPart(Part):
     """A wall: contacts stand at it, whatever force pushes them against it."""
 
     at: Number = key("Place of the wall on the track.", "m")
-    stops: Literal["forward", "backward"] = key("Contacts of which direction it stops: `forward` those towards +x.")
+    stops: Literal["forward", "backward"] = key("The direction in which it stops contacts; `forward` is towards +x.")
     contacts: tuple[int, ...] | None = optional(
-        "The isolated contacts that it stops, counted from 0. Default: all contacts, those of segments included."
+        "The isolated contacts that it stops, counted from 0. Default: all contacts, segments included."
     )
 
 

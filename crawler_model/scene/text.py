@@ -8,7 +8,7 @@ _WIDE = {
     "UTF-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE),
     "UTF-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE),
 }
-"""In this order: the mark of UTF-32 begins with that of UTF-16."""
+"""In this order: the mark of UTF-32 begins with the mark of UTF-16."""
 
 
 def decode_text(content: bytes) -> str:

@@ -38,13 +38,12 @@ class Holding:
 
     Attributes:
         tow_forward: largest force towards +x, on any contact, in addition to the loads of the scene [N].
-        tow_backward: largest force towards -x, likewise [N].
-        slip_forward: least force towards +x that, applied to a contact alone, makes this contact slide, shape (N,)
-            [N].
-        slip_backward: force towards -x, likewise, shape (N,) [N].
+        tow_backward: the same towards -x [N].
+        slip_forward: least force towards +x that, applied to one contact, makes this contact slide, shape (N,) [N].
+        slip_backward: the same towards -x, shape (N,) [N].
         uphill: tilted until it slides back, towards -x; None without weights, and where patches have slopes of their
             own.
-        downhill: tilted until it slides forward; None likewise.
+        downhill: tilted until it slides forward; None where `uphill` is.
     """
 
     tow_forward: float
@@ -69,8 +68,8 @@ def compute_holding(
         body: a body on a line.
         ground: its ground.
         tension: T, shape (S,) [N].
-        forward: mu_plus, on patches of ground that of the place, shape (N,) [N].
-        backward: mu_minus, likewise, shape (N,) [N].
+        forward: mu_plus, on patches of ground at the place, shape (N,) [N].
+        backward: mu_minus, of the same kind, shape (N,) [N].
         load: f, the slope's share included, shape (N,) [N].
 
     Returns:
@@ -108,7 +107,7 @@ def steepest_held(ground: Ground, friction: np.ndarray, others: np.ndarray) -> f
     Args:
         ground: weights, present slope, and which contacts have coefficients.
         friction: at the present slope, against sliding downhill, shape (N,) [N].
-        others: loads beside the slope's, uphill positive, shape (N,) [N].
+        others: loads besides the slope's, uphill positive, shape (N,) [N].
 
     Returns:
         The slope, at most pi / 2, negative if it must lean the other way [rad].

@@ -317,7 +317,7 @@ def bound_distances(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -
     Args:
         force: g, shape (..., N) [N].
         forward: mu_plus, shape (N,) or (..., N) [N].
-        backward: mu_minus, likewise [N].
+        backward: mu_minus, of the same shape [N].
 
     Returns:
         min(mu_plus - g, g + mu_minus), shape (..., N) [N]: positive inside, minus the excess outside.

@@ -150,7 +150,7 @@ class Decoder:
 
         Raises:
             BagError: when bytes are not a message of this type, their numbers are not as many as their joints, or
-            earlier messages have other joints.
+                earlier messages have other joints.
         """
         groups = []
         sizes = block.size[which]

@@ -1,4 +1,4 @@
-"""A first estimate from the balance of forces alone, without following any motion.
+"""A first estimate from the balance of forces, without following any motion.
 
 Measured positions determine the elongation of every spring and so, for given parameters, the force of the springs on
 every contact: it equals a bound where the contact is seen to slide, and lies between both bounds where it rests. Unlike
@@ -62,8 +62,8 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
         rows: the rows to use, bool, shape (T,).
 
     Returns:
-        What is seen; None if the measurements do not determine the position of every contact, or the balance of forces
-        is not that of a line on ground that is the same everywhere.
+        What is seen; None if the measurements do not determine the position of every contact, or the body is not on a
+        line on ground that is the same everywhere.
     """
     if replica.derivative_error:
         return None

@@ -40,7 +40,7 @@ _SLOW = 1e-2
 _EXACT = 0.05
 """Whitened residuals whose mean square is below this are rounding."""
 _ROUGH = 1e-4
-"""Likewise of a large recording before its noise is estimated."""
+"""The same for a large recording before its noise is estimated."""
 _SETTLED = (1e-2, 1e-1)
 """Decreases of the sum of squares, in units of the noise, that no interval shows; for large recordings the second."""
 
@@ -171,7 +171,7 @@ def find_fit(
         problem: the problem; its noise is estimated.
         coarse: the same with fewer rows, on which the starts are compared.
         starts: number of starts, unless an earlier one leads to a fit.
-        seconds: time in which more are tried as long as none does [s]; 0 for the first start alone.
+        seconds: time in which more are tried as long as none does [s]; 0 for only the first start.
         progress: called with the fraction done, in [0, 1].
 
     Returns:
@@ -208,7 +208,7 @@ def find_fit(
             ends += [] if family == "kick" else [(costs[-1], family)]  # it is related to the best
             same = {family for cost, family in ends if cost <= best.cost * (1.0 + _SAME_MINIMUM)}
             size = _find_size(coarse, best)
-            # that of the scene's values may be lower, although the end of the balance fits
+            # the end from the scene's values may be lower, although the end of the balance fits
             fits = size <= _FITS and (family != "balance" or seconds == 0.0 or _is_exact(best))
             if fits or (len(same) >= AGREE and size <= _NEARLY):
                 break

@@ -1,6 +1,6 @@
-"""Minima near the fit: where contacts just slide, the sum of squares has creases, and minima beside each other.
+"""Minima near the fit: where contacts just slide, the sum of squares has creases, and neighbouring minima.
 
-The fit moves to the lowest of those that are found from draws around it. The others count by their likelihoods in the
+The fit moves to the lowest minimum that is found from draws around it. The others count by their likelihoods in the
 covariance, and derivatives are averaged over draws of the posterior.
 """
 

@@ -13,9 +13,9 @@ from .problem import Problem, Residuals
 FITS = 1.3
 """Residuals of at most this many times the noise are called noise."""
 _REPEATED = 1.2
-"""Noise at rest of at most this many times that of the cycles is noise."""
+"""Noise at rest of at most this many times the noise of the cycles is noise."""
 _SLOWEST = 10.0
-"""Likewise of that of neighbouring values, from which slow noise differs little."""
+"""The same for the noise of neighbouring values, which slow noise changes little."""
 _PHASES = 8
 _PARTS = 24
 _PERIODIC = 0.9

@@ -293,8 +293,8 @@ class Problem:
             raw: shape (M, C, T) [m].
 
         Returns:
-            The fitted rows, channel by channel, then those of the priors of drifts, shape (C, R); and the offsets and
-            drifts that explain most, shape (Q, C).
+            The fitted rows, channel by channel, then the rows of the priors of drifts, shape (C, R); and the offsets
+            and drifts that explain most, shape (Q, C).
         """
         channels, gram = self.channels[recording], self.grams[recording]
         whitened = np.empty((raw.shape[1], self.sizes[recording]))
@@ -337,7 +337,7 @@ class Problem:
 
 
 def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
-    """Find the step of which the values of each channel are multiples, 0 if there is none, shape (M,) [m]."""
+    """Find the step whose multiples the values of each channel are, 0 if there is none, shape (M,) [m]."""
     measured = replica.measured
     found = np.array([find_pixel(v[p]) for v, p in zip(measured.values.T, present.T, strict=True)])
     # a contact that hardly moves shows no step of its own, but has the camera of the others

@@ -18,7 +18,7 @@ _SIGNED = (
 
 @dataclass(frozen=True)
 class Space:
-    """The parameters as coordinates: the logarithm of those that are positive.
+    """The parameters as coordinates: the logarithm of positive ones.
 
     Attributes:
         names: names of the parameters, shape (P,).
@@ -67,7 +67,7 @@ class Space:
         return np.where(self.logarithmic, values, self.scale)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw values within the bounds: those of the scene, up to five times smaller or larger.
+        """Draw values within the bounds: the scene's, up to five times smaller or larger.
 
         Returns:
             Shape (P,).

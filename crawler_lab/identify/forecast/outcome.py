@@ -17,7 +17,7 @@ from ...derivative.sensitivities import sensitivities
 from .posterior import Interval, beyond_bound
 
 TOTALS = 4
-"""Results before the positions: gain and work a period, and those of the run."""
+"""Results before the positions: gain and work a period, and gain and work of the run."""
 FARTHEST = 100.0
 """Factor beyond a bound up to which a drive is run."""
 _FACTORS = (1.0 + 1e-6, 1.1, 1.3, 2.0, 5.0, 20.0, FARTHEST)
@@ -42,10 +42,10 @@ class Outcome:
         results: gain and work a period, gain and work of the run, then positions row by row, shape (M,) [m, J].
         slopes: their derivatives with respect to the parameters, shape (M, P).
         values: of the parameters, shape (P,).
-        size: largest displacement [m], and work [J], below a small part of which results are rounding.
+        size: largest displacement [m], and work [J]; results below a small part of it are rounding.
         effect: whether the results depend on each parameter, bool, shape (P,).
         time: times of the positions, shape (T,) [s].
-        transient_left: estimate of how far the gain a period is from that of the limit cycle [m]; 0 without a period.
+        transient_left: estimate of how far the gain a period is from the limit cycle's [m]; 0 without a period.
         unique: whether the translation is determined everywhere.
     """
 
@@ -72,7 +72,7 @@ class Outcome:
 
 
 def _units(count: int, size: tuple[float, float]) -> np.ndarray:
-    """Build the size of each result, those of works apart, shape (M,) [m, J]."""
+    """Build the size of each result, of works apart, shape (M,) [m, J]."""
     units = np.full(count, size[0])
     units[1:TOTALS:2] = size[1]
     return units

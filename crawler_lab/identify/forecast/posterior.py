@@ -26,7 +26,7 @@ _CLEAR = 1.25
 """Factor beyond its bound from which on a parameter may stay: at the bound itself forces balance exactly, as where one
 contact held just as much as others slid, and the translation of such a scene is not unique."""
 GAIN = "gain"
-"""Name among those of the parameters for the error of the gain of the actuators."""
+"""Name among the parameters for the error of the gain of the actuators."""
 Interval = tuple[float | None, float | None]
 
 
@@ -41,10 +41,10 @@ class Posterior:
         covariance: of the values, shape (P, P) [product of both units].
         bounds: lower and upper bound of each parameter that is only bounded; None on the side that is not known.
         held: parameters whose value in the scene fixes the scale of ratios, with this value.
-        groups: parameters of which only ratios are known, those that are held included.
+        groups: parameters whose ratios only are known, held ones included.
         unknown: parameters that the record does not excite.
         freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
-        ended: those that are bounded and that the fit moved to a bound that was given to it.
+        ended: bounded parameters that the fit moved to a bound that was given to it.
         speeds: fastest commanded change of each length in the record [m/s, of segments 1/s]; empty if not known.
     """
 
@@ -90,7 +90,7 @@ class Posterior:
         object.__setattr__(self, "covariance", frozen(0.5 * (covariance + covariance.T)))
 
     def as_plain(self) -> dict[str, Any]:
-        """Convert to the entry `posterior` of `crawler identify --json`, beside which `parameters` lists the others.
+        """Convert to the entry `posterior` of `crawler identify --json`, next to which `parameters` lists the others.
 
         Returns:
             Plain numbers, lists and text.
@@ -129,7 +129,7 @@ class Posterior:
                 find_path(scene, name)
             except SceneError:
                 raise CrawlerError(
-                    f"posterior: {name}: {scene.name} has no such number; it must be that of the scene that was fitted"
+                    f"posterior: {name}: {scene.name} has no such number; it must belong to the scene that was fitted"
                 ) from None
 
     def apply(self, scene: Scene) -> Scene:
@@ -304,7 +304,7 @@ def collect_posterior(parameters: Sequence[Mapping[str, Any]], covariance: np.nd
 
     Args:
         parameters: the verdicts, as `crawler identify --json` prints them; and `gain`, if the actuators have one.
-        covariance: of the values of all of these, shape (P, P); zero in the rows and columns of those that are held.
+        covariance: of the values of all of these, shape (P, P); zero in the rows and columns of held parameters.
         freedom: degrees of freedom from which the size of the covariance was estimated [1].
 
     Returns:

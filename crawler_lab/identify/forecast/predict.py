@@ -32,7 +32,7 @@ _SAMPLES = 400
 """Samples of the positions unless a rate is given."""
 _PERIODS = 10
 _UNKNOWN = (1.0 / 3.0, 3.0)
-"""Factors by which a parameter of which nothing is known is moved to see whether the motion depends on it."""
+"""Factors by which an unknown parameter is moved to see whether the motion depends on it."""
 _FASTER = 1.01
 """Ratio of speeds from which on a drive is called faster than the record."""
 _STEP = 2.0**-20
@@ -92,7 +92,7 @@ class Forecast:
         high: upper ends, shape (T, N) [m].
         depends_on_bounds: parameters that are only bounded, and on which the motion depends.
         notes: what else limits the prediction, one line each.
-        transient_left: estimate of how far `gain` is from that of the limit cycle [m]; 0 without a period.
+        transient_left: estimate of how far `gain` is from the limit cycle's [m]; 0 without a period.
         inertia: the inertia number of the drive; None for a scene without masses and weights.
     """
 
@@ -179,14 +179,14 @@ def predict(
     """Predict what a drive does with an identified body.
 
     The variance of a result r is g^T C g with its exact derivatives g = dr/dp and the covariance C of the parameters,
-    and its band is that of Student's t with the degrees of freedom from which the noise was estimated. Where the
+    and its band follows Student's t with the degrees of freedom from which the noise was estimated. Where the
     motion depends on a parameter that is only bounded, the band covers all values that the bound allows.
 
     Args:
         scene: the scene that was fitted, on a line, a path or a gallery name.
         posterior: what is known about its numbers, or the file of `crawler identify --json`, or its content.
         drive: the drive: a scene that has it, the part `drive` of one, a file or a gallery name, whose lengths the
-            gain of the actuators multiplies if the posterior has one; None for that of the scene, as it is.
+            gain of the actuators multiplies if the posterior has one; None for the scene's drive, as it is.
         periods: number of periods of the run, ten by default; only of a drive with a period.
         rate: samples of the positions per second [Hz]; None for 400 in all.
 
@@ -296,7 +296,7 @@ def _put(scene: Scene, values: Mapping[str, float]) -> Scene:
 
 
 def _parameters(posterior: Posterior, played: Scene, replaced: bool) -> tuple[tuple[str, ...], dict[str, Interval]]:
-    """List the parameters that may have an effect under a drive, and the bounds of those that are only bounded."""
+    """List the parameters that may have an effect under a drive, and the bounds of parameters that are only bounded."""
 
     def acts(name: str) -> bool:
         if replaced and name.startswith("drive"):
@@ -312,7 +312,7 @@ def _parameters(posterior: Posterior, played: Scene, replaced: bool) -> tuple[tu
 
 
 def _check_known(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome], evaluate: Evaluate) -> None:
-    """Refuse a motion that depends on a parameter of which nothing is known, at its value or within a factor of it."""
+    """Refuse a motion that depends on an unknown parameter, at its value or within a factor of it."""
     effect = np.any([outcome.effect for outcome in outcomes], axis=0)
     best = outcomes[0]
     for name, has, value in zip(names, effect, best.values, strict=True):
@@ -327,7 +327,7 @@ def _check_known(posterior: Posterior, names: tuple[str, ...], outcomes: list[Ou
 
 
 def _bands(posterior: Posterior, names: tuple[str, ...], outcomes: list[Outcome]) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the ends of the bands, of several outcomes those of all together, shape (M,)."""
+    """Compute the ends of the bands, of several outcomes the ends of all together, shape (M,)."""
     listed = (*names, GAIN)  # its column is the last one
     rows = [i for i, name in enumerate(posterior.names) if name in listed]
     columns = [listed.index(posterior.names[i]) for i in rows]
@@ -395,5 +395,5 @@ def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_driv
     if not best.unique:
         notes.append(f"not unique: in some interval {UNDETERMINED}")
     if not np.isfinite(best.transient_left):
-        notes.append("the motion does not settle: the gain a period is that of the last period that was run")
+        notes.append("the motion does not settle: the gain a period belongs to the last period that was run")
     return tuple(notes)

@@ -175,7 +175,7 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
 def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> list[Change]:
     """List the changes of the model that are tested, the same ones for all recordings.
 
-    Without recorded commands the waypoints of the drive are those of one period, and what depends on time or place has
+    Without recorded commands the drive has the waypoints of one period, and what depends on time or place has
     no effect.
     """
     found = replica.at(values)

@@ -26,7 +26,7 @@ class HeldOut:
         gain_error: error of the net translation over these rows, of the recording where it is largest, relative to the
             measured one [1]; None without positions, or where there is none.
         worst: where the largest residual is, in words.
-        errors: simulated minus measured, with the offsets that fit recordings of which no row was fitted, for each
+        errors: simulated minus measured, with offsets fitted also to recordings without a fitted row, for each
             recording, shape (T, M) [m]; NaN where nothing is measured.
         deviations: their predicted standard deviations, for each recording, shape (T, M) [m]; empty, shape (0, M), if
             all its rows were fitted.
@@ -75,7 +75,7 @@ def score_held_out(
         if abs(error[row, column] / deviation[row, column]) > largest:
             largest = abs(error[row, column] / deviation[row, column])
             worst = (
-                f"{measured.name}: held-out rows, largest that of {measured.channels[column]} at "
+                f"{measured.name}: held-out rows, largest in {measured.channels[column]} at "
                 f"{measured.time[row]:.4g} s, {abs(error[row, column]):.3g} m"
             )
     if not errors:
@@ -93,7 +93,7 @@ def score_held_out(
 
 
 def _compute_at_bounds(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> Residuals | None:
-    """Compute the residuals where all parameters of which only a bound is known are there; None if there are none."""
+    """Compute the residuals with all bounded parameters at their bounds; None if there are none."""
     bounds = {p: parameter.value for p, parameter in enumerate(parameters) if parameter.verdict == "bound"}
     if not bounds:
         return None

@@ -1,4 +1,4 @@
-"""Intervals by the likelihood: where the residuals have creases, derivatives alone would make them too narrow."""
+"""Intervals by the likelihood: where the residuals have creases, derivatives would make them too narrow."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def find_intervals(
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows
-        an end. Those of large recordings follow from the derivatives alone.
+        an end. Half widths of large recordings follow only from the derivatives.
     """
     count = problem.space.origin.size
     unknown = [*free, *range(count, problem.count)]

@@ -36,8 +36,8 @@ class Parameter:
 
     Attributes:
         name: for example "friction.forward[2]".
-        verdict: "identified"; "ratio": only together with others, whose common scale is that of the scene's value of
-            the first one; "bound": from one side; "not excited".
+        verdict: "identified"; "ratio": only together with others, on the scale that the scene's value of the first one
+            sets; "bound": from one side; "not excited".
         value: the fitted value, or the bound, in the unit of the scene's key [any]; None if nothing determines it.
         interval: 95 % interval; None at an end that is not known.
         partners: names of the other parameters of a ratio.
@@ -77,7 +77,7 @@ class Structure:
     Attributes:
         unseen: parameters without any effect.
         held: parameters that keep their value, because only a combination of them and others is determined.
-        groups: sets of parameters of which only ratios or differences are determined, in the order of the parameters.
+        groups: sets of parameters with only ratios or differences determined, in the order of the parameters.
         weak: parameters that are not determined, with the half width of their interval, as a logarithm: infinite where
             only a combination is determined that is no ratio, for example a sum; else the noise hides them.
     """
@@ -122,7 +122,7 @@ def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -
     from scipy.sparse.csgraph import connected_components
 
     count = problem.space.origin.size
-    # a logarithm far below that of the scene has little effect, though the value may have much
+    # a logarithm far below the scene's has little effect, though the value may have much
     values = problem.space.to_values(fit.unknowns[:count])
     with np.errstate(divide="ignore", invalid="ignore"):
         larger = np.where(problem.space.logarithmic, np.maximum(problem.space.origin / values, 1.0), 1.0)
@@ -233,7 +233,7 @@ def find_covariance(problem: Problem, fit: Fit, jacobian: np.ndarray, free: list
     middle = part.T @ part
     values, vectors = np.linalg.eigh(middle)
     bread = vectors @ (vectors.T / np.maximum(values, 1e-300)[:, None])
-    blocks = np.split(part, np.cumsum(problem.sizes))  # the last one is that of the priors of sensors
+    blocks = np.split(part, np.cumsum(problem.sizes))  # the last one belongs to the priors of sensors
     for i, channels in enumerate(problem.channels):
         for m, channel in enumerate(channels):
             own, noise, rows = blocks[i][channel.place], channel.noise, channel.rows
@@ -257,7 +257,7 @@ def judge(
         fit: its end, with the held parameters at the scene's values.
         structure: from `find_structure`.
         below: lower half widths of the 95 % intervals of the coordinates, shape (P,); inf where there is no end.
-        above: the upper ones, likewise.
+        above: the upper ones, shape (P,).
 
     Returns:
         One for each parameter, in order.

@@ -11,7 +11,7 @@ Args:
     values: of the parameters, shape (P,).
     lag: the recording shows the state of this long ago [s].
     gain: error of the gain of the actuators [1].
-    with_gain: whether there is a column of derivatives with respect to the gain, after those of the parameters.
+    with_gain: whether there is a column of derivatives with respect to the gain, after the columns of the parameters.
     time: shape (T,) [s].
     x: displacement, shape (T, N) [m].
     recorded: whether the drive is recorded commands, whose times do not depend on parameters.

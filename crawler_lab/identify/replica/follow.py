@@ -33,7 +33,7 @@ def begin_path(
     bare = dataclasses.replace(derivatives, times=np.zeros((scene.drive.times.size, 0)), period=np.zeros(0))
     vertices = build_vertices(scene.drive, bare, 0, ticks)
     before, after, targets = vertices.before, vertices.after, derivatives.targets
-    if targets.strides[0] == 0:  # they are the same at all waypoints, so that those of one are enough
+    if targets.strides[0] == 0:  # they are the same at all waypoints, so that one is enough
         before = after = np.zeros(before.shape, before.dtype)
         targets = targets[:1].copy()
     none = np.zeros((before.size, derivatives.start.shape[1]))

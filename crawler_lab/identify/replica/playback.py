@@ -30,7 +30,7 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
         return scene
     place = {name: c for c, name in enumerate(measured.command_names)}
     document = scene.document()
-    if scene.columns.loads and "loads" not in document:  # its drive alone commands them
+    if scene.columns.loads and "loads" not in document:  # only its drive commands them
         document["loads"] = 0.0 if scene.dimension == 1 else [0.0, 0.0]
     parts = len(document["body"].get("segments", ()))
     links = scene.columns.names[: scene.columns.lengths]
@@ -124,7 +124,7 @@ def _as_pairs(rows: np.ndarray) -> list[Any]:
 
 
 def _as_friction(scene: Scene, rows: np.ndarray) -> dict[str, Any]:
-    """Convert commanded frictions to those of a drive."""
+    """Convert commanded frictions to frictions of a drive."""
     if scene.dimension == 2 and scene.body.turning is None:
         return {"isotropic": rows.tolist()}
     if scene.dimension == 2:

@@ -6,6 +6,6 @@ Args:
     time: of the rows, shape (T,) [s].
     values: measured ones, shape (T,) [m].
     residuals: of a fit, in order, shape (T,) [m].
-    pixel: step of which the values are multiples, or 0 [m].
+    pixel: step whose multiples the values are, or 0 [m].
     floor: least standard deviation [m].
 """

@@ -1,7 +1,7 @@
 """Noise of measurements: an Ornstein-Uhlenbeck process plus white noise, or the rounding of a camera's pixels.
 
-No real record is white: trackers filter, and cameras round. The covariance of OU plus white noise is that of an
-ARMA(1, 1) process: r_k - a_k r_(k-1) has a tridiagonal covariance, whose Cholesky factor whitens in O(T).
+No real record is white: trackers filter, and cameras round. OU plus white noise has the covariance of an ARMA(1, 1)
+process: r_k - a_k r_(k-1) has a tridiagonal covariance, whose Cholesky factor whitens in O(T).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _HARMONICS = 30
 _LAGS = (1, 2, 3, 5, 8, 13, 21, 34)
 _FEWEST_PAIRS = 10
 _PERIODS = 12
-"""Parts of a record, of which more than half show what noise is."""
+"""Parts of a record, more than half of which show what noise is."""
 _NO_CHANCE = 10
 """So many distances are all multiples of the least one by no chance."""
 _EDGE = 2
@@ -50,7 +50,7 @@ class Noise(NamedTuple):
     time: float = 1.0
     """Correlation time of this part [s]."""
     pixel: float = 0.0
-    """Width of the pixels if the error is their rounding alone, else 0 [m]."""
+    """Width of the pixels if the error is only their rounding, else 0 [m]."""
 
     @property
     def size(self) -> float:
@@ -63,7 +63,7 @@ class Whitening:
     """A linear map that turns noise of some covariance into independent numbers of variance 1.
 
     Attributes:
-        decay: correlation of the slow part with that of the row before, shape (T,); None for white noise.
+        decay: correlation of the slow part with the slow part of the row before, shape (T,); None for white noise.
         factor: lower Cholesky factor of the covariance of the differences, banded, shape (2, T); of white noise the
             standard deviations, shape (T,).
     """
@@ -167,7 +167,7 @@ def find_spikes(residuals: np.ndarray, floor: float) -> np.ndarray:
 
 
 def find_pixel(values: np.ndarray) -> float:
-    """Find the step of which values are multiples.
+    """Find the step whose multiples the values are.
 
     Returns:
         The step; 0 if there is none, or if it may be one by chance, where few values are equal [m].
@@ -187,7 +187,7 @@ def estimate_noise(time: np.ndarray, residuals: np.ndarray, pixel: float, floor:
     """Estimate the noise of a channel by maximum likelihood, and by how much outliers count less.
 
     Returns:
-        The noise, and the variance that is added to that of each row, shape (T,) [m^2].
+        The noise, and the variance added to each row, shape (T,) [m^2].
     """
     floor = max(floor, pixel / np.sqrt(12.0))
     size = max(_MAD * float(np.median(np.abs(residuals))), floor)

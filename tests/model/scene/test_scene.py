@@ -127,7 +127,7 @@ WRONG = [
     (
         "drive",
         {kind: {"amplitude": 0.1, "mean": 1, "wavelength": 1, "period": i + 1} for i, kind in enumerate(WAVES)},
-        "drive.friction_wave.period: it must equal that of drive.wave",
+        "drive.friction_wave.period: it must equal drive.wave.period",
     ),
     ("drive", {"strategy": "A"}, "a strategy needs `length` (m) and `friction` (N)"),
     ("drive", {"wave": {"amplitude": 0.1, "wavelength": 0, "period": 1}}, "wavelength: 0 m; it must not be 0"),
