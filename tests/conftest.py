@@ -27,7 +27,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `nohup make test &`: ch
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ONE_PORT = ("test_behind_a_stopped_viewer", "test_every_socket_is_on_loopback", "test_the_live_viewer_is")
-"""Tests that start live viewers, all of which listen on one port."""
+"""Tests that start live viewers, which all listen on one port."""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -68,7 +68,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
-"""How numba writes the order in memory of an array, and whether it can be written, alone and within tuples."""
+"""How numba writes the order in memory of an array, and whether it can be written, by itself and within tuples."""
 BOTH, JUMPS = "bent springs on patches", "jumps in the plane"
 LAST = ("node", "environments", "batches")
 KERNELS = (

@@ -26,7 +26,7 @@ _BLOCK = 8
 
 
 def distance(drawn: Path, golden: Path) -> float:
-    """Root mean square of the difference of both pictures, made small; that of another height is far."""
+    """Root mean square of the difference of both pictures, made small; a picture of another height is far."""
     wanted = Image.open(golden).convert("RGB")
     made = Image.open(drawn).convert("RGB")
     if abs(made.height / made.width - wanted.height / wanted.width) > 0.02:
@@ -108,7 +108,7 @@ def _are_free(axes: Axes) -> tuple[bool, bool]:
 def words_of_figures() -> Iterator[list[str]]:
     """Keep what is written and drawn in each figure that is saved, in lines: a distance does not notice small changes.
 
-    Numbers alone are left out, because versions of matplotlib place different ones on axes.
+    Bare numbers are left out, because versions of matplotlib place different ones on axes.
     """
     from matplotlib.figure import Figure
 

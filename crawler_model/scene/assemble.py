@@ -112,7 +112,7 @@ def _check_planar(parts: SceneParts) -> None:
         raise SceneError(
             "body.links: `curve`, `tension`, `passive` and `hysteresis` are for bodies on a line, which are followed "
             "from knot to knot; in the plane paths are followed in steps, which would pass over knots: give "
-            "`stiffness` alone"
+            "only `stiffness`"
         )
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")

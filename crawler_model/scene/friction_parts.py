@@ -121,16 +121,16 @@ class _Friction(Part):
         forward, backward, left, right, isotropic = given
         if directions is not None or value is not None:
             if directions is None or value is None or any(given) or coefficient is not None:
-                raise ValueError("give `directions` (rad) and `value` together and nothing else, or `isotropic` alone")
+                raise ValueError("give `directions` (rad) and `value` together and nothing else, or only `isotropic`")
         elif coefficient is not None:
             if any(given):
                 raise ValueError("give `coefficient`, or forces, not both")
         elif left != right:
             raise ValueError("give both `left` and `right`, or neither")
         elif left and not (forward and backward):
-            raise ValueError("give `forward`, `backward`, `left` and `right` together, or `isotropic` alone")
+            raise ValueError("give `forward`, `backward`, `left` and `right` together, or only `isotropic`")
         elif forward != backward or forward == isotropic:
-            raise ValueError("give both `forward` and `backward`, or `isotropic` alone")
+            raise ValueError("give both `forward` and `backward`, or only `isotropic`")
         return self
 
     @property

@@ -158,7 +158,7 @@ class Bendable(Part):
             raise ValueError("give `stiffness` or `curve`, not both")
         if part.stiffness is None and part.curve is None:
             if part.passive is None:
-                raise ValueError("stiffness: missing; or give a `curve`, or a `passive` spring alone")
+                raise ValueError("stiffness: missing; or give a `curve`, or only a `passive` spring")
             if part.tension is not None:
                 raise ValueError("tension: it limits an actuator; give its `stiffness` or `curve`, too")
         if isinstance(part.tension, float) and part.tension < 0.0:

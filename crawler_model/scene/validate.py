@@ -114,7 +114,7 @@ def _explain_number(value: object, path: list[str]) -> str:
     field = _fields(path[: path.index(names[-1])]).get(names[-1]) if names else None
     extra = field.json_schema_extra if field is not None else None
     unit = extra.get("unit") if isinstance(extra, dict) else None
-    return f"; write the number alone, {f'in {unit}' if unit else 'without a unit'}"
+    return f"; write only the number, {f'in {unit}' if unit else 'without a unit'}"
 
 
 def known_keys(path: list[str]) -> Iterable[str]:

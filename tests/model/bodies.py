@@ -58,7 +58,8 @@ class Driven:
         return Driven(data, self.rows)
 
     def renumbered(self, seed: int) -> tuple[Driven, np.ndarray]:
-        """Return the same body with its links, and in the plane its contacts, in another order, and that of contacts."""
+        """Return the same body with its links, and in the plane its contacts, in another order; and the order of the
+        contacts."""
         rng, body = np.random.default_rng(seed), self.data["body"]
         links, count = body["links"], len(body["contacts"])
         order = rng.permutation(count) if self.scene.body.dimension == 2 else np.arange(count)
@@ -255,7 +256,7 @@ def _with_bent_springs(drawn: Drawn, driven: Driven, length: float, force: float
 
 
 def _with_hysteresis(drawn: Drawn, driven: Driven, length: float, force: float) -> Driven:
-    """Put up to two elements of hysteresis beside each of its springs."""
+    """Put up to two elements of hysteresis in parallel with each of its springs."""
     rng = np.random.default_rng([drawn.seed, 3])
     body = driven.data["body"]
 

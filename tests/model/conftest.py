@@ -72,7 +72,7 @@ LONG = (
     "test_scene.py::test_the_scenes_of_the_docs*trunk_and_foot*",
     "test_turning_laws.py::test_a_body_that_creeps*",
 )
-"""Tests that take seconds to hours with interpreted kernels; whatever they alone would reach has a shorter test."""
+"""Tests that take seconds to hours with interpreted kernels; whatever only they would reach has a shorter test."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -607,7 +607,7 @@ def steep(n: int) -> Callable[[str, str], Found]:
 
 
 def small_and_large_ticks(body: str, method: str) -> Found:
-    """A thousand ticks of 1e-9 of a period, then the rest in one: the path, and so the end, is that of one ramp."""
+    """A thousand ticks of 1e-9 of a period, then the rest in one: the path, and so the end, equals one ramp's."""
     one, many = (Line(body, method, [1.0, 2.0], [0.2, 0.3, 0.4], [0.5, 0.1, 0.3]) for _ in range(2))
     for end in (np.array([2.0, -1.0]), np.array([0.0, 0.5])):
         before = many.crawler.actuation[:: 2 if body == GRAPH else 1] * 1.0

@@ -136,7 +136,7 @@ def test_agrees_with_rational_numbers(extra, first):
 
 @pytest.mark.parametrize("seed", [994, 1127, 29110])
 def test_on_patches_a_spring_at_a_knot_goes_on(seed):
-    """A tendon about to be slack beside a motor that stalls at its stop; a part at rest at the knot that it needs."""
+    """A tendon about to be slack next to a motor that stalls at its stop; a part at rest at the knot that it needs."""
     rng = np.random.default_rng(seed)
     contacts, extra = int(rng.integers(2, 8)), int(rng.integers(0, 3))
     document, body, rows = draw_body(rng, contacts, extra, patches=True, dyadic=bool(seed % 2))
@@ -354,12 +354,12 @@ def test_check_reports_stalls_and_commands_that_avoid_them():
     ("name", "force"), [("slope_climber", 0.37061), ("stalling_inchworm", 1.5), ("peristaltic_stops", 1.82)]
 )
 def test_check_reports_the_largest_force_of_an_actuator(name, force):
-    """Without the force that stops beside it carry: 100 N/m * (0.0118 - 0.03) m there."""
+    """Without the force that stops in parallel carry: 100 N/m * (0.0118 - 0.03) m there."""
     assert f"largest force of an actuator along the drive: {force:g} N" in report_of(load_scene(name))
 
 
 def test_check_meets_waypoints_between_the_usual_ticks():
-    """100 N/m * 0.055 m at 0.045 s: the ends of ticks at 100 Hz are 0.005 s beside it."""
+    """100 N/m * 0.055 m at 0.045 s: the ends of ticks at 100 Hz are 0.005 s away from it."""
     drive = {"times": [0, 0.045, 0.1], "period": 0.1, "actuation": [[0], [0.055], [0]]}
     scene = Scene.model_validate(two_contacts({"stiffness": 100.0}, 0.1, 10.0).document() | {"drive": drive})
     assert choose_rate(scene) == 200.0

@@ -1,4 +1,4 @@
-"""Bodies beside the chain: graphs, segments, hybrids, the plane; each against something known."""
+"""Bodies besides the chain: graphs, segments, hybrids, the plane; each against something known."""
 
 from __future__ import annotations
 

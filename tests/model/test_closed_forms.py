@@ -137,7 +137,8 @@ def elongation(curve: RationalCurve, tension: F) -> F:
 def test_a_silicone_chain_loses_the_width_of_its_curve():
     """As it lengthens, link j holds -j mu against the contacts ahead of it, as it shortens (N - j) mu against those behind.
 
-    The elongation of each link beyond its rest length swings between those of the two tensions, which the stroke lacks.
+    The elongation of each link beyond its rest length swings between two values, one for each tension, which the stroke
+    lacks.
     """
     mu, stroke = F(3, 10), F(5, 100)
     gain = sum(stroke - elongation(SILICONE, j * mu) + elongation(SILICONE, -j * mu) for j in (1, 2, 3))

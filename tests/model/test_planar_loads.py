@@ -220,7 +220,7 @@ def test_along_the_link_the_gain_is_that_of_the_line(load, angle):
 
 
 def test_one_implicit_step_with_loads_is_a_cone_program():
-    """Equal friction at both ends of a short stretch: the rest position under loads is that of Clarabel's step."""
+    """Equal friction at both ends of a short stretch: the rest position under loads agrees with Clarabel's step."""
     scene = pair(body={"contacts": [[0.0, 0.0], [1.0, 0.0]]}, friction={"isotropic": [1.0, 2.0]}, loads=0)
     crawler = Crawler(scene)
     load = np.array([[0.5, 0.0], [-1.5, 0.0]])

@@ -59,7 +59,7 @@ def test_several_in_a_tick_take_equal_shares_and_pair_by_count():
 
 
 def test_pairing_makes_strategy_a_come_out_right():
-    """Four ticks a period: paired 2 m a period; actuation alone first 2.5 m, friction alone first 0.5 m."""
+    """Four ticks a period: paired 2 m a period; only actuation first 2.5 m, only friction first 0.5 m."""
     gains = {}
     scene = load_scene("two_anchor_a")
     rows = scene.drive.rows
@@ -374,7 +374,7 @@ def test_friction_too_small_for_the_loads_is_refused():
 
 
 def test_a_row_without_equilibrium_is_dropped_and_counted_and_the_next_follows():
-    """Either command is held alone; a trajectory lowers the friction after the load was accepted."""
+    """Either command is held by itself; a trajectory lowers the friction after the load was accepted."""
     commands = loaded()
     commands.accept_trajectory([f"contact_{i}/forward" for i in (0, 1)], [0], [[0.25, 0.25]], 0)
     commands.accept_loads([0.75])

@@ -75,7 +75,7 @@ def test_a_page_shows_the_domain_and_which_ways_it_lets_the_body_go(name, ways, 
 
 
 def test_constant_friction_shows_the_box_many_times_as_it_is_swept_along(tmp_path):
-    """Nine sections beside the first: each mark of the run has its own."""
+    """Nine sections besides the first: each mark of the run has its own."""
     picture = drawn(load_scene("two_contacts_anisotropic"), tmp_path)
     red = np.abs(picture - SECTION).max(axis=2) <= 4
     columns = np.flatnonzero(red.sum(axis=0) > 20)

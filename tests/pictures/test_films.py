@@ -1,4 +1,5 @@
-"""Films: frames beside pictures that were looked at, files read back, and the arrays from which they are drawn."""
+"""Films: frames compared with pictures that were looked at, files read back, and the arrays from which they are
+drawn."""
 
 from __future__ import annotations
 
@@ -130,7 +131,7 @@ def test_a_gif_shows_every_frame_for_its_time(films, tmp_path):
 
 
 def test_a_gif_has_the_colors_of_all_frames(tmp_path):
-    """Its palette must not be that of a single frame, as of the last one, where nothing is left to come and pale."""
+    """Its palette must not come from a single frame, as from the last one, where nothing is left to come and pale."""
     film = film_of("heterogeneous_segment")
     write_gif(film, tmp_path / "x.gif", 25.0, lambda part: None)
     shown = [np.array(frame.convert("RGB")) for frame in ImageSequence.Iterator(Image.open(tmp_path / "x.gif"))]

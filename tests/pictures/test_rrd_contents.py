@@ -1,4 +1,4 @@
-"""What a file for rerun holds, beside summaries of views that were looked at: places, colours and words."""
+"""What a file for rerun holds, compared with summaries of views that were looked at: places, colours and words."""
 
 from __future__ import annotations
 

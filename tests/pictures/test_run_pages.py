@@ -1,4 +1,4 @@
-"""The page of a run for bodies of every kind, beside pages that were looked at."""
+"""The page of a run for bodies of every kind, compared with pages that were looked at."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes and recordings beside each other, by the cycles of their drives."""
+"""Scenes and recordings side by side, by the cycles of their drives."""
 
 from __future__ import annotations
 

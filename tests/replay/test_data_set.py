@@ -157,7 +157,7 @@ def test_a_recording_that_is_not_identical_has_its_reason(made):
 
 
 def test_what_is_finished_is_not_done_again_but_what_changed_is(bags, made, tmp_path):
-    """A new time alone is no change, nor is a new place; a new length is."""
+    """A mere new time is no change, nor is a new place; a new length is."""
     here, out = tmp_path / "bags", tmp_path / "set"
     shutil.copytree(bags, here)
     shutil.copytree(made[0], out)

@@ -1,4 +1,4 @@
-"""What `crawler replay` finds in recordings: of made-up ones, and of what is not well; those of real runs are in `tests/ros`."""
+"""What `crawler replay` finds in made-up and in damaged recordings; recordings of real runs are in `tests/ros`."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_the_wrong_scene_is_named(tmp_path):
     [("two_anchor_a", 1_000_000_000), ("tendon_worm", 2_200_000_000), ("stalling_inchworm", 1_000_000_000)],
 )
 def test_a_recording_that_begins_in_mid_run_is_compared_from_a_state_that_it_holds(name, cut_ns, tmp_path):
-    """Those of actuators with limits begin while the tendon is slack or the motor stalled."""
+    """Recordings of actuators with limits begin while the tendon is slack or the motor stalled."""
     late = lambda name, stamp, data: [(name, stamp, data)] * (stamp >= cut_ns)  # noqa: E731
     path = bare(record(tmp_path / "a", name, 4), tmp_path / "bare", late)
     found = analyse(path, load_scene(name))
@@ -427,7 +427,7 @@ def test_damage_costs_no_more_than_its_chunk(tmp_path, part):
 def test_of_a_folder_of_recordings_the_newest_is_taken(tmp_path):
     record(tmp_path / "bags" / "b", "two_anchor_b", 1)
     newer = record(tmp_path / "bags" / "a", "two_anchor_a", 1)
-    (tmp_path / "bags" / "power_cut.mcap").write_bytes(b"")  # beside the bags: it makes no bag of their folder
+    (tmp_path / "bags" / "power_cut.mcap").write_bytes(b"")  # next to the bags: it makes no bag of their folder
     done = crawler("replay", tmp_path / "bags")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"{newer}: complete")
@@ -539,7 +539,7 @@ def test_a_recording_without_commands_tells_nothing_about_them(tmp_path):
     text = screen.export_text()
     assert "cycles: none, as the commands in force were not recorded" in text
     assert "at rest from 1 s to 4.02 s: the commands in force were not recorded" in text
-    found = analyse(keep("joint_states"))  # which shows the first contact alone
+    found = analyse(keep("joint_states"))  # which shows only the first contact
     assert found.rests == ()
     assert found.standstill is None
 

@@ -1,4 +1,4 @@
-"""The page of a replay and the figure of a comparison, beside pictures that were looked at."""
+"""The page of a replay and the figure of a comparison, against pictures that were looked at."""
 
 from __future__ import annotations
 

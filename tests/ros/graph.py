@@ -175,14 +175,14 @@ class Graph:
         self.call(f"/{name}/get_parameters", "rcl_interfaces/srv/GetParameters")
 
     def ticked(self, tick: int, name: str = "joint_states", rate: float = 100.0) -> None:
-        """Wait for the state of a tick; that of the start may come twice."""
+        """Wait for the state of a tick; the state of the start may come twice."""
         wait_until(
             lambda: self.heard[name] and seconds(self.heard[name][-1]) > (tick - 0.5) / rate,
             what=f"tick {tick} on {name}",
         )
 
     def walked(self, end: Any, within: float = 1e-12, pose: str = "pose") -> None:
-        """Wait until the net translation is that of the end of a gait, however late its commands came."""
+        """Wait until the net translation reaches the end of a gait, however late its commands came."""
 
         def is_there() -> bool:
             if not self.heard[pose]:

@@ -1,4 +1,4 @@
-"""docs/controllers.md: what it promises beside its blocks, which tests/system/test_docs.py runs."""
+"""docs/controllers.md: what it promises outside its blocks, which tests/system/test_docs.py runs."""
 
 from __future__ import annotations
 

@@ -387,7 +387,7 @@ int pthread_mutex_timedlock(pthread_mutex_t *restrict m, const struct timespec *
 
 
 def jumping_simulator(ros, way, offset, *parameters):
-    """A simulator whose wall clock is what a file says ahead: Python's alone, or the whole process's."""
+    """A simulator whose wall clock is what a file says ahead: only Python's, or the whole process's."""
     command = simulator(*parameters)
     if way == "python":
         script = ros.folder / "jumping.py"

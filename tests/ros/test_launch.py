@@ -96,7 +96,7 @@ def test_every_include_exists_and_declares_what_it_is_given(file):
         other = Path(include.get("file").replace("$(dirname)", str(file.parent)))
         assert other.parent == FOLDER
         assert {a.get("name") for a in include} <= {a.get("name") for a in read(other).findall("arg")}
-    if len(includes) > 1:  # or the arguments of one would be those of the next
+    if len(includes) > 1:  # or the arguments of one would pass to the next
         assert all(group.find("include") is not None for group in read(file).findall("group"))
         assert not read(file).findall("include")
 

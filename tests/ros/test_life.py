@@ -74,7 +74,7 @@ def test_a_signal_that_arrives_twice_ends_it_in_order(ros, module):
     bags = ros.folder / "bags"
     running = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
     if module != "node.simulator":
-        ros.hear("joint_trajectory")  # a publisher alone would show only that the controller starts
+        ros.hear("joint_trajectory")  # a mere publisher would show only that the controller starts
         running = ros.start(f"crawler_ros.{module}")
         wait_until(lambda: ros.heard["joint_trajectory"], what="a controller's command")
     process = running.process

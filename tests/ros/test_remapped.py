@@ -112,7 +112,7 @@ def test_a_torn_one_is_recovered_with_its_names(recordings, tmp_path):
 
 
 def test_two_crawlers_in_one_file_are_told_apart_though_one_notes_its_names(tmp_path):
-    """As merged by another tool: the notes are those of one, the other is found by its namespace."""
+    """As merged by another tool: the notes belong to one, the other is found by its namespace."""
     from crawler_model import load_scene
     from crawler_ros.wire.topics import read_topics
 

@@ -1,4 +1,4 @@
-"""What a robot's driver offers beside its joints: odometry, description, a trajectory controller's topic, QoS."""
+"""What a robot's driver offers besides its joints: odometry, description, a trajectory controller's topic, QoS."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def test_pose_and_odometry_turn_with_the_body(ros, tmp_path):
 
 
 def test_commands_by_name_move_links_and_joints_and_replay_finds_the_same_bits(ros, tmp_path):
-    """In lock-step, so that the model alone follows the same ramps."""
+    """In lock-step, so that the model by itself follows the same ramps."""
     scene = write(tmp_path, SCENE)
     hear = ("joint_states", "contact_states", "pose", "/diagnostics")
     simulator = ros.simulator(

@@ -47,7 +47,7 @@ def test_every_block_runs_or_says_why_not(name, tmp_path):
 
 
 def test_every_verb_and_option_of_every_page_exists():
-    """That of pages that take long to run, too."""
+    """On pages that take long to run, too."""
     found = 0
     for name, text in TEXTS.items():
         for block in blocks(name, text):

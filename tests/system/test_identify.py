@@ -338,7 +338,7 @@ def test_every_run_of_a_recording_is_fitted(tmp_path, capsys):
 
 
 def test_excite_writes_a_drive_that_identifies_what_was_asked(tmp_path, capsys):
-    """The measurements of the drive are computed with other friction than that of the guess."""
+    """The measurements of the drive are computed with other friction than the guess."""
     out = tmp_path / "drive.yaml"
     fit = ("--fit", "friction.forward")
     asked = ("two_contacts_anisotropic", *fit, "--stroke=-0.1:0.1", "--noise", "5e-4", "--out", out, "--json")
@@ -847,7 +847,7 @@ TURNING = {
     ids=["constant", "of_a_contact", "loads", "loads_of_the_drive", "plane", "plane_loads", "turning"],
 )
 def test_commanded_friction_and_loads_are_those_of_the_run(tmp_path, capsys, form, document, commanded):
-    """They differ from those of the scene; with these the stiffness would be wrong, and fit as well on a line."""
+    """They differ from the scene's; with the scene's the stiffness would be wrong, and fit as well on a line."""
     scene = Scene.model_validate(document | {"name": "driven", "drive": document["drive"] | commanded})
     (tmp_path / "driven.yaml").write_text(yaml.safe_dump(scene.document()))
     if form == "recording":

@@ -1,4 +1,5 @@
-"""The inertia number on the command line and of a node, and the announced deviation beside bodies with masses."""
+"""The inertia number on the command line and of a node, and the announced deviation compared with bodies with
+masses."""
 
 from __future__ import annotations
 

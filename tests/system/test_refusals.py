@@ -1,4 +1,4 @@
-"""Mistakes that the functions of the packages refuse, with what would be right, besides those of scenes and commands."""
+"""Mistakes that the functions of the packages refuse, with what would be right, besides scenes and commands."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ REFUSED = [
     (
         lambda: pair(body=PAIR["body"] | {"links": [{"tension": {"most": 1}}]}),
         SceneError,
-        "stiffness: missing; or give a `curve`, or a `passive` spring alone",
+        "stiffness: missing; or give a `curve`, or only a `passive` spring",
     ),
     (lambda: pair(**FLAT, loads=1.5), SceneError, "loads: 1.5; in the plane give [x, y] for all of 2 contact(s)"),
     (lambda: pair(**FLAT, loads=[[1, 0]] * 3), SceneError, "loads: 3 entries; in the plane give [x, y] for all of 2"),

@@ -17,7 +17,7 @@ def test_rooms_import_only_from_those_below(capsys):
 
 
 def test_no_files_import_in_a_circle():
-    """Imports in functions and for types alone count."""
+    """Imports in functions and only for types count."""
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     state: dict[str, int] = {}
     circles = []

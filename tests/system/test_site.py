@@ -48,7 +48,7 @@ def test_it_loads_nothing_from_elsewhere(site):
         assert loaded
         for target in loaded:
             assert not re.match(r"(https?:)?//", target), f"{page}: {target}"
-            if not target.startswith("data:") and page.name != "404.html":  # whose paths are those of a server
+            if not target.startswith("data:") and page.name != "404.html":  # whose paths start at a server's root
                 assert (page.parent / unquote(target.split("?")[0].split("#")[0])).exists(), f"{page}: {target}"
     for style in site.rglob("*.css"):
         assert not re.search(r"(url\(|@import\s+)[\"']?(https?:)?//", style.read_text(encoding="utf-8")), style

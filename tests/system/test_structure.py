@@ -221,7 +221,7 @@ def parameters(function: Any) -> list[str]:
 
 
 def body(function: Any) -> list[ast.AST]:
-    """The nodes of a function, those of the functions inside it left out."""
+    """The nodes of a function, without the functions inside it."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     found: list[ast.AST] = []
     todo = list(ast.iter_child_nodes(tree))
@@ -401,7 +401,7 @@ print(min(needed) > 0, sum(len(k.signatures) for k in others))
 
 
 def test_the_kernels_cache_covers_all_files_that_kernels_import():
-    """Imports that are for types alone leave no trace in a kernel."""
+    """Imports only for types leave no trace in a kernel."""
     model = ROOT / "crawler_model"
     covered = {file for pattern in kernel_cache._SOURCES for file in model.glob(pattern)}
     marks = tuple(f"\n@{mark}\n" for mark in KERNELS)

@@ -111,7 +111,7 @@ def test_it_names_every_figure_of_the_paper():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_committed_figures_are_what_the_code_draws(page, name):
-    """`make docs` draws them anew. Letters have other sizes in another matplotlib, and move what is beside them."""
+    """`make docs` draws them anew. Letters have other sizes in another matplotlib, and move what is next to them."""
     assert (PICTURES / name).stat().st_size < 150_000
     one, other = PICTURES / name, page.folder / name
     assert Image.open(one).size == Image.open(other).size

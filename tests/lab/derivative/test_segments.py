@@ -1,4 +1,4 @@
-"""Derivatives of bodies with segments: those of the continuous body, not those of its elements."""
+"""Derivatives of bodies with segments: of the continuous body, not of its elements."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _cut(document: dict[str, Any], elements: int) -> Scene:
 
 
 def _gain(scene: Scene) -> float:
-    """The gain of the last of two periods, or that of the whole run."""
+    """The gain of the last of two periods, or of the whole run."""
     if scene.drive.period is None:
         return float(simulate(scene, rate=1.0).net_translation[-1])
     return float(simulate(scene, 2.0, 1.0).per_period[-1])

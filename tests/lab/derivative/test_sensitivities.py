@@ -146,7 +146,7 @@ def test_a_thousand_random_crawlers_agree_with_differences(first: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_shape_and_work_of_random_segments_agree_with_differences(seed: int) -> None:
-    """The translation is that of the continuous body, where the point at rest moves; on a grid it jumps."""
+    """The translation belongs to the continuous body, where the point at rest moves; on a grid it jumps."""
     document = draw_segment(seed)
     found = sensitivities(Scene.model_validate(document), SEGMENT_KEYS, DURATION, RATE)
     assert not found.one_sided.any()
@@ -446,7 +446,7 @@ POLYGONS = {
 SCALES = {
     "friction": {"law": "along_velocity", "angle": 0.2, "forward": 0.1, "backward": 1.0, "left": 0.5, "right": 0.5}
 }
-"""An inchworm whose friction is not that of most dissipation, and whose axes are not those of its links."""
+"""An inchworm whose friction does not dissipate the most, and whose axes are not its links."""
 
 
 @pytest.mark.parametrize(
@@ -647,7 +647,7 @@ def test_a_segment_that_ends_with_its_table_has_exact_derivatives() -> None:
     found = sensitivities(scene, [key], 1.0, 4.0)
     runs = [simulate(one, 1.0, 4.0).displacement for one in vary(scene, {key: values[1:]})]
     expected = (runs[1] - runs[0]) / (values[2] - values[1])
-    shape = np.diff(found.displacement[..., 0])  # the translation is that of the continuous body
+    shape = np.diff(found.displacement[..., 0])  # the translation belongs to the continuous body
     np.testing.assert_allclose(shape, np.diff(expected), atol=1e-5 * np.abs(expected).max())
 
 

@@ -73,7 +73,7 @@ def test_without_noise_friction_is_found_to_rounding(seed: int) -> None:
 
 
 def bent(most: float, longest: float) -> dict[str, Any]:
-    """A motor that stalls beside a return spring, a spring with stops, and a measured curve."""
+    """A motor that stalls against a return spring, a spring with stops, and a measured curve."""
     document = chain(4)
     document["friction"] = {"forward": [0.2, 0.26, 0.3, 0.2], "backward": [0.62, 0.55, 0.6, 0.6]}
     document["body"]["links"] = [

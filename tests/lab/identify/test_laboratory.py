@@ -74,7 +74,7 @@ def test_the_sensor_is_found_with_the_robot() -> None:
 
 
 def test_the_gain_of_the_actuators_widens_every_friction() -> None:
-    """A gain that is known to 2 % alone, with a scale that is held: friction is known to 2 %, too."""
+    """A gain that is known only to 2 %, with a scale that is held: friction is known to 2 %, too."""
     document, measured = measure_robot(1, "white")
     guess = guess_robot(document, 1)
     fixed = identify(guess, [measured], KEYS, hold_out=0.0)

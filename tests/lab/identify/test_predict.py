@@ -124,7 +124,7 @@ def test_a_limit_that_the_record_did_not_reach_widens_the_band_where_the_drive_r
 
 
 def test_what_a_record_bounds_is_predicted_for_a_drive_under_which_it_slides():
-    """The scene guesses twice the friction that held, so that the best values alone would miss the truth."""
+    """The scene guesses twice the friction that held, so that the best values by themselves would miss the truth."""
     document = chain(3)
     document["friction"]["backward"] = [0.4, 0.6, 0.4]
     measured = measure(document, *walk(2, 6.0, 0, stroke=0.015), noise=2e-4)

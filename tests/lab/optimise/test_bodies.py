@@ -73,7 +73,7 @@ def two() -> Scene:
 
 
 def test_the_expected_gain_of_two_contacts_is_the_mean_of_its_closed_form(two):
-    """Two contacts that both slide forward alone gain D - (mu_0 + mu_1) / k."""
+    """Two contacts that both slide only forward gain D - (mu_0 + mu_1) / k."""
     pytest.importorskip("cma")
     known = Posterior(NAMES[:2], np.array([0.2, 0.2]), np.diag([4e-4, 4e-4]))
     found = optimise(two, waypoints=2, stroke=(0.0, 0.1), robust_to=known, seconds=2)

@@ -52,7 +52,7 @@ def test_without_a_cost_of_transport_nothing_is_compared_with_it():
 
 
 def test_of_a_slow_body_the_rest_of_the_transient_is_told_and_does_not_hide_the_cost(monkeypatch):
-    """Its tensions change for more than a hundred periods: those of the search end before."""
+    """Its tensions change for more than a hundred periods: the periods of the search end before."""
     rows = np.zeros((3, 7, 2))
     rows[1, 0], rows[1, 6], rows[2, 3] = (0.02, 0.0), (0.02, 0.01), (0.02, 0.01)
     places = [[0.1 * i, 0.02 * (i > 0 and i % 2 == 0)] for i in range(8)]

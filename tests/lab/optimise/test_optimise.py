@@ -129,7 +129,7 @@ def test_the_search_crosses_the_jump_of_a_motor_that_stalls():
 
 
 def test_the_largest_tension_counts_what_a_motor_can_pull():
-    """With stops beside it the spring pulls more than the motor; the request bounds both together."""
+    """With stops in parallel the spring pulls more than the motor; the request bounds both together."""
     document = {
         "name": "stops",
         "body": {
@@ -164,7 +164,7 @@ def test_optima_beside_the_best_one_keep_the_limits(monkeypatch):
 
 
 def test_the_row_that_closes_a_drive_changes_with_the_first_one():
-    """A stroke of 0.3 m gains 0.3 - mu/k; the first row alone cannot change, as the last one repeats it."""
+    """A stroke of 0.3 m gains 0.3 - mu/k; the first row cannot change by itself, as the last one repeats it."""
     scene = load_scene("two_contacts_anisotropic")
     found = optimise(scene, free={"drive.actuation[0][0]": (-0.2, 0.0)}, seconds=3.0)
     assert found.value == pytest.approx(0.28, abs=1e-12)

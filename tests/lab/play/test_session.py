@@ -180,7 +180,7 @@ def test_a_recording_of_ticks_of_uneven_nanoseconds_replays_to_the_bit(tmp_path)
 
 @pytest.mark.parametrize("name", ["two_anchor_b", "two_anchor_c", "tow"])
 def test_what_the_drive_commands_is_kept_though_it_stayed_as_it_began(name):
-    """The hand moves the link alone, from friction or loads that are not those of the scene but of its drive."""
+    """The hand moves only the link, from friction or loads that the drive commands, unlike the scene's."""
     drive = {"times": [0, 1, 2], "period": 2, "actuation": [[0], [0.1], [0]], "loads": [[0.15, 0], [0, 0], [0.15, 0]]}
     body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}}
     tow = {"name": "tow", "body": body, "friction": {"forward": 0.2, "backward": 0.8}, "drive": drive}

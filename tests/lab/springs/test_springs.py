@@ -39,7 +39,7 @@ def test_every_branch_is_the_first_one_twice_as_large():
 
 
 def test_the_elements_are_those_of_a_scene():
-    """A contact slides to and fro on ground that holds little; the tension of its link is that of the model here."""
+    """A contact slides to and fro on ground that holds little; the tension of its link follows the model here."""
     link = {"stiffness": 20.0, "hysteresis": [{"stiffness": k, "yield": f} for k, f in RUBBER]}
     actuation = [[0.0], [0.1], [-0.05], [0.07], [0.0], [0.1]]
     scene = Scene.model_validate(
@@ -143,7 +143,7 @@ def test_intervals_contain_the_truth_as_often_as_they_announce():
 
 
 def at_two_speeds(viscosity: float, slow: int = 300, fast: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A record at two speeds with a dashpot beside the spring [N s/m]: elongation, force, time."""
+    """A record at two speeds with a dashpot parallel to the spring [N s/m]: elongation, force, time."""
     z = np.concatenate((walk(slow), walk(fast)[1:]))
     time = STEP_S * np.arange(z.size)
     force = 20.0 * z + stop(z, 40.0, 0.2, 0.0) + viscosity * np.gradient(z, time)

@@ -1,4 +1,4 @@
-"""Many scenes at once: each row is what the scene alone gives, however the work is spread."""
+"""Many scenes at once: each row is what the scene gives by itself, however the work is spread."""
 
 from __future__ import annotations
 
@@ -544,7 +544,7 @@ def test_without_weights_the_force_is_the_mean_friction_of_all_contacts():
 
 
 def test_a_constant_factor_between_weights_and_friction_counts_once():
-    """Friction as weights: the cost is that of the coefficients."""
+    """Friction as weights: the cost equals the cost of the coefficients."""
     document = load_scene("two_contacts_anisotropic").document()
     document["body"]["weights"] = 10.0
     runs = simulate_many([Scene.model_validate(document)])

@@ -1,4 +1,5 @@
-"""Variations assembled together: to the bit the scenes assembled alone, with the same message for each invalid one."""
+"""Variations assembled together: to the bit the scenes assembled one by one, with the same message for each invalid
+one."""
 
 from __future__ import annotations
 

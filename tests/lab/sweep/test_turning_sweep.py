@@ -58,7 +58,7 @@ def test_the_table_names_them():
     ],
 )
 def test_a_key_changes_the_number_it_names(key):
-    """The scene is that of the document with this number, frames and bare points included."""
+    """The scene equals the document with this number, frames and bare points included."""
     (varied,) = vary(INCHWORM, {key: [0.3]})
     steps = key.replace("[", ".").replace("]", "").split(".")
     document = INCHWORM.document()

@@ -90,7 +90,7 @@ def test_a_slide_goes_on_over_softer_ground_to_the_knot_and_beyond():
 
 
 def test_the_work_of_a_stalled_motor_counts_where_a_jump_ends_beside_it():
-    """Contact 1 falls through a soft patch, and stops at its end, while the motor beside it shortens on."""
+    """Contact 1 falls through a soft patch, and stops at its end, while the neighbouring motor shortens on."""
     document = {
         "name": "beside",
         "body": {

@@ -135,7 +135,7 @@ def test_a_ring_with_a_contact_that_never_slides_is_a_chain_between_two(method: 
 
 @pytest.mark.parametrize("n", [60, 300])
 def test_waves_far_beyond_friction_are_caught_up_in_one_step(n: int) -> None:
-    """All contacts slide far, in both directions: the sides change from those of the start almost everywhere."""
+    """All contacts slide far, in both directions: the sides change from the start almost everywhere."""
     mid = np.arange(n) + 0.5
     crawler = Crawler(ring_scene(0.1, 0.3, np.arange(n)), "catch_up")
     for phase in np.arange(1, 17) / 16:

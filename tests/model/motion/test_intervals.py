@@ -69,7 +69,7 @@ def run(document: dict[str, Any], parts: int = 1) -> list[tuple[np.ndarray, Step
 
 
 def padded(document: dict[str, Any], count: int) -> dict[str, Any]:
-    """The same body with contacts beside it, behind a slack link, that nothing moves."""
+    """The same body with more contacts, behind a slack link, that nothing moves."""
     body, drive = document["body"], document["drive"]
     n = len(body["contacts"])
     links = [SLACK | {"between": [n - 1, n]}]

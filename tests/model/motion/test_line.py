@@ -1,4 +1,4 @@
-"""The engine of bodies on a line beside rational solutions, and under its laws."""
+"""The engine of bodies on a line against rational solutions, and under its laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contacts of long sliding blocks sleep in runs; the path is that of contacts that are awake.
+"""Contacts of long sliding blocks sleep in runs; they move as contacts that are awake.
 
 The rows of a drive are rest lengths, or rest lengths, forward and backward friction.
 """

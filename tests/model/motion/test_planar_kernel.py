@@ -348,7 +348,7 @@ def test_a_force_that_is_not_finite_is_not_solved(broken):
 
 @pytest.mark.parametrize("directions", [DISC, CROSS], ids=["disc", "polygon"])
 def test_loads_that_no_friction_holds_are_refused_and_change_nothing(directions):
-    """Such commands are refused before they are followed; here the motion alone is asked."""
+    """Such commands are refused before they are followed; here only the motion is asked."""
     lengths, friction, pull = np.zeros((3, 2)), np.ones((3, max(len(directions), 1))), np.zeros((3, 2))
     motion = PlaneMotion(body_of(TRIANGLE, np.ones(3), 3), frame_of(TRIANGLE, np.ones(3), 3, directions), 1e-6)
     state = motion.start(np.zeros((3, 2)), np.concatenate((lengths.ravel(), friction.ravel(), pull.ravel())))

@@ -1,4 +1,5 @@
-"""Random bodies in the plane beside a method that shares nothing with ours: integrated positions of sliding contacts."""
+"""Random bodies in the plane against a method that shares nothing with ours: integrated positions of sliding
+contacts."""
 
 from __future__ import annotations
 

@@ -56,7 +56,8 @@ def bodies() -> dict[str, dict[str, Any]]:
 
 @pytest.mark.parametrize("name", bodies())
 def test_a_budget_bounds_the_work_of_a_ramp_in_the_plane(name):
-    """What suffices changes no bit; else one implicit step completes the ramp, whose residual is that of its energies."""
+    """What suffices changes no bit; else one implicit step completes the ramp, whose residual follows from its
+    energies."""
     document = bodies()[name]
     target = Scene.model_validate(document).drive.targets[1]
     found = []

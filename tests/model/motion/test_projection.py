@@ -1,4 +1,4 @@
-"""The projection of a path onto its stasis domain, beside interior points, brute force and rational numbers."""
+"""The projection of a path onto its stasis domain, against interior points, brute force and rational numbers."""
 
 from __future__ import annotations
 

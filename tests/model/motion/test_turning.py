@@ -1,4 +1,4 @@
-"""Bodies that turn, beside closed forms: rods, towed contacts, columns, snakes."""
+"""Bodies that turn, against closed forms: rods, towed contacts, columns, snakes."""
 
 from __future__ import annotations
 
@@ -227,7 +227,8 @@ def test_work_is_stored_dissipated_or_lost_in_jumps(seed):
 
 @pytest.mark.parametrize("seed", [30, 42])
 def test_energies_keep_the_tolerance(seed):
-    """A bare point that moves alone arrives at the same place in any number of steps, which shows nothing of the work."""
+    """A bare point that moves by itself arrives at the same place in any number of steps, which shows nothing of the
+    work."""
     _, steps = follow(*wriggle(seed), 1e-7)
     residual = sum(step.certificate.energy_residual for step in steps)
     assert abs(residual) < 1e-7 * sum(step.work for step in steps)
@@ -396,7 +397,7 @@ def test_a_body_that_rolls_along_does_not_jump():
     """Friction 900 times less to one side: two contacts roll and turn the body, by 8 m within a sixteenth of the ramp.
 
     Of 4 million implicit steps of equal length along the ramp none moves a contact by more than 0.2 mm or loses energy.
-    Their end and those of 1 million and 300 000 steps extrapolate to 5.8526 m. The body once went round for ever.
+    Their end and the ends of 1 million and 300 000 steps extrapolate to 5.8526 m. The body once went round for ever.
     """
     friction = {
         "forward": [0.63, 0.00084, 0.58],
@@ -422,7 +423,7 @@ def test_a_body_that_rolls_along_does_not_jump():
 
 @pytest.mark.parametrize("middle", [0.0, 0.03])
 def test_a_link_that_shrinks_to_a_point_ends_the_ramp(middle):
-    """Its tension has no direction there. A rest length below 0 alone does no harm while friction keeps the ends apart."""
+    """Its tension has no direction there. A mere rest length below 0 does no harm while friction keeps the ends apart."""
     friction = {"forward": 0.1, "backward": 1.0, "left": 0.5, "right": 0.5}
     points = [[0.0, 0.0], [0.1, middle], [0.2, 0.0]]
     body = Crawler(build(points, {"stiffness": 50.0}, joints=chain_of(3, 2.0), friction=friction))

@@ -177,7 +177,8 @@ def stored(body: Crawler) -> float:
 
 @pytest.mark.parametrize(("family", "seed"), FAMILIES)
 def test_what_is_not_stored_dissipated_or_done_by_loads_is_lost_in_a_listed_jump(family, seed):
-    """The residual is that of the energies, and small, also where a ramp spent its budget or left its tolerance."""
+    """The residual follows from the energies, and is small, also where a ramp spent its budget or left its
+    tolerance."""
     document = family(seed)
     least = document["tolerance"] * np.max(list(document["friction"].values()))
     body = Crawler(Scene.model_validate(document), budget=100_000)

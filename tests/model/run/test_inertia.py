@@ -63,7 +63,7 @@ def test_friction_counts_as_commanded_at_the_event():
         "friction": {"forward": [[0.1, 0.1], [0.2, 0.2], [0.1, 0.1]], "backward": [[0.9, 0.9]] * 3},
     }
     found = simulate(two_contacts(drive=table, masses=MASS), 0.2).inertia
-    # tension k 0.2 s meets 0.1 + 0.2 s; then the velocity of the front is 0.2 less that of the rising friction
+    # tension k 0.2 s meets 0.1 + 0.2 s; then the front moves at 0.2 less the rate of the rising friction
     start = 0.1 / (STIFFNESS * 0.2 - 0.2)
     velocity = 0.2 - 0.2 / STIFFNESS
     assert found.time == pytest.approx(start)

@@ -1,4 +1,4 @@
-"""The steepest slope and the largest tow against which a period gains, beside their closed forms."""
+"""The steepest slope and the largest tow against which a period gains, compared with their closed forms."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_a_stroke_that_is_too_short_ends_a_climb_earlier():
 
 @pytest.mark.parametrize("forward", [True, False])
 def test_the_tow_that_ends_a_walk_and_its_mirror_image(forward):
-    """On the last contact alone: mu_plus + F = mu_minus of the other; gain D - (2 mu_plus + F) / k."""
+    """Only on the last contact: mu_plus + F = mu_minus of the other; gain D - (2 mu_plus + F) / k."""
     friction = (0.2, 0.5) if forward else (0.5, 0.2)
     scene = climber(*friction)
     limit = largest_tow(scene, -1 if forward else 0)
@@ -141,7 +141,7 @@ def test_progress_is_reported_and_grows():
 
 
 def test_a_long_transient_is_waited_for():
-    """The gain is that of the periodic regime, not of a first period from a tensioned start."""
+    """The gain belongs to the periodic regime, not to a first period from a tensioned start."""
     scene = load_scene("ten_contact_wave")
     limit = largest_tow(scene)
     assert limit.free_gain == pytest.approx(simulate(scene, 40.0).per_period[-1], abs=1e-12)

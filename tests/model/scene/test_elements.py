@@ -83,7 +83,7 @@ def test_elements_are_counted_by_predictions_and_the_envelope_of_the_errors():
 @pytest.mark.parametrize("accuracy", [0.1, 0.01, 1e-3, 1e-4])
 @pytest.mark.parametrize("stroke", [0.02, 0.04, 0.07])
 def test_the_first_period_is_as_accurate_as_asked(stroke, accuracy):
-    """While its middle stays at rest it moves in the first period alone, by D^3/6 (1/mu_plus^2 - 1/mu_minus^2)."""
+    """While its middle stays at rest it moves only in the first period, by D^3/6 (1/mu_plus^2 - 1/mu_minus^2)."""
     exact = stroke**3 / 6.0 * (0.1**-2 - 0.3**-2)
     scene = segment(stroke, accuracy=accuracy)
     gained = simulate(scene, duration=2.0, rate=1.0).per_period

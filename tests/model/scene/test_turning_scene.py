@@ -252,7 +252,7 @@ WRONG = [
         "friction.left: missing; with `springs: length` give forward, back",
     ),
     ([("friction", {"directions": [0, 2, 4], "value": 1})], "friction.directions: they are fixed to the ground"),
-    ([("friction/isotropic", 1)], "friction: give both `forward` and `backward`, or `isotropic` alone"),
+    ([("friction/isotropic", 1)], "friction: give both `forward` and `backward`, or only `isotropic`"),
     (
         [("friction/left", [0.5, 0.5, 0, 0.5])],
         "friction: point 2 has forward 0.1, backward 1, left 0, right 0.5; all four",

@@ -263,7 +263,8 @@ def margin(scene):
 
 @pytest.mark.parametrize("joined", [True, False])
 def test_an_element_that_slides_both_ways_has_a_point_at_rest_in_its_middle(joined):
-    """Bounds of 1 N balance for every translation from -3 to -1; two contacts alone take that nearest to 0."""
+    """Bounds of 1 N balance for every translation from -3 to -1; two contacts by themselves take the one nearest to
+    0."""
     velocity, bound = np.array([1.0, 3.0]), np.ones(2)
     elements = np.array([[0, 1]]) if joined else np.empty((0, 2), int)
     share = np.array([0.9, 0.1])
