@@ -24,7 +24,7 @@ MOST_TICKS = 360_000
 _MOST_BYTES = 1 << 26
 """Largest size of an unpacked link."""
 _KEPT = 100
-"""Every so many ticks the crawler itself is kept, from which others are followed again."""
+"""Ticks between stored copies of the crawler; the ticks after a copy are followed again."""
 
 
 @dataclass(frozen=True, eq=False)

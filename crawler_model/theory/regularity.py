@@ -17,7 +17,8 @@ class Regularity:
         least: smallest coefficient of any contact at any time [N, on a segment N/m].
         greatest: largest coefficient [N, on a segment N/m].
         rate: largest rate of change of a coefficient, the Lipschitz constant [N/s, on a segment N/m/s].
-        load_rate: largest rate of change of a load; loads belong to the energy and may have any sign [likewise].
+        load_rate: largest rate of change of a load; loads belong to the energy and may have any sign [N/s, on a segment
+            N/m/s].
         where: name of the column with the smallest coefficient.
 
     Source: [G] section 5.1, Lemmas on condition (diamond diamond) for discrete and for continuous models.

@@ -89,7 +89,7 @@ class Outgoing:
             outlets["pose"].send(self._pose.encode(now_ns, place[0], place[1], crawler.yaw))
         if outlets["odom"].wanted:
             gain = crawler.body.share @ crawler.gained
-            if crawler.body.turning is not None:  # a twist is one in the frame that it moves
+            if crawler.body.turning is not None:  # a twist is expressed in the moving frame
                 gain = to_frame(crawler.body, crawler.displacement, gain[None])[0]
             rate = find_turn(crawler) / seconds
             outlets["odom"].send(self._odometry.encode(now_ns, y, gain / seconds, crawler.yaw, rate))

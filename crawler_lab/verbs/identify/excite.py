@@ -33,8 +33,8 @@ def excite_command(
         list[str] | None,
         typer.Option(
             metavar="[NAME=]A:B",
-            help="Bounds of all rest lengths, m, or of each by its name; what is not named stays. By default those "
-            "of the drive.",
+            help="Bounds of all rest lengths, m, or of each by its name; what is not named stays. By default the "
+            "bounds of the drive.",
         ),
     ] = None,
     noise: Annotated[float, typer.Option(help="Standard deviation of measured positions, m.")] = 1e-3,
