@@ -161,7 +161,7 @@ class Ahead:
         """Record all messages, then publish them; the times of the records are spread over the time that it took."""
         recorder, outlets, ticks = self._recorder, self._outgoing.outlets, batch.read.size
         topics = (_LEDGER, *self._layouts)
-        heard = {outlets[name] for name in topics if outlets[name].is_heard()}  # slicing for no listener would waste time
+        heard = {outlets[name] for name in topics if outlets[name].is_heard()}  # slicing for no listener wastes time
         if recorder is None and not heard:
             return
         if recorder is not None:
