@@ -1,4 +1,4 @@
-# For colcon alone; pip and uv build from pyproject.toml.
+# Only for colcon; pip and uv build from pyproject.toml.
 import re
 from glob import glob
 from pathlib import Path

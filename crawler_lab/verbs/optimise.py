@@ -144,7 +144,7 @@ _Seconds = Annotated[
         "machine."
     ),
 ]
-_Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed has the same result.", min=0)]
+_Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed gives the same result.", min=0)]
 _AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 _Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")]
 _Png = Annotated[

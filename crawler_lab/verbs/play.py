@@ -26,9 +26,9 @@ def play(
 ) -> None:
     """Drive a crawler by hand, in a page on 127.0.0.1: sliders, a wave, undo, pictures, and what happens in words.
 
-    `crawler play two_anchor_a` prints an address that contains a token: only who knows it can see or move the crawler.
-    Everything is exact; what was found can be saved as a scene, a recording, a picture, a film or a link. With --ros
-    the sliders command a robot: in ramps of limited rate, and only while the page is open.
+    `crawler play two_anchor_a` prints an address that contains a token: only someone who knows it can see or move the
+    crawler. Everything is exact; what was found can be saved as a scene, a recording, a picture, a film or a link. With
+    --ros the sliders command a robot: in ramps of limited rate, and only while the page is open.
     """
     require("aiohttp", *(["rclpy"] if ros else []))
     from crawler_model import load_scene, prepare
