@@ -176,5 +176,5 @@ def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
 def _check_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
     if "friction" in ranges.ranges and (actions.free >= scene.columns.lengths).any():
         raise CrawlerError(
-            "options: friction cannot be randomised where it is free to be commanded; leave one of both out"
+            "options: friction cannot be randomised where it is free to be commanded; leave one of the two out"
         )

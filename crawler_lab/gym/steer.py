@@ -85,7 +85,7 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode is not None:
             raise CrawlerError(f"render_mode: {render_mode!r}; the task steer draws no pictures")
         if waypoints is not None and heading is not None:
-            raise CrawlerError("heading: given together with waypoints; the task steer takes one of both")
+            raise CrawlerError("heading: given together with waypoints; the task steer takes one of the two")
         self._length = largest_distance(body)
         self._heading = None if heading is None else check_number("heading", heading, "rad", least=-math.inf)
         self._waypoints = _read_waypoints(waypoints, self._length)

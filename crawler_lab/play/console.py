@@ -117,7 +117,7 @@ class Console(Robot):
         message = deserialize_message(self._arrived[name], JointState)
         if list(message.name) != self._names[name]:
             raise CommandError(
-                f"{name} has {', '.join(message.name[:4])}: the robot is another one than {self.scene.name}"
+                f"{name} has {', '.join(message.name[:4])}: the robot differs from {self.scene.name}"
             )
         return np.array([message.position, message.velocity, message.effort])
 

@@ -63,7 +63,7 @@ def write_scene(session: Session) -> Scene:
     apart = np.abs(_run(session, found).displacement[-1] - session.crawler.displacement).max()
     if apart > allowed:
         why = "on this ground a drive that commands friction" if scene.ground.track is not None else "a drive"
-        raise CommandError(f"save: {why} moves otherwise, by {apart:.1e} m; a recording can hold it")
+        raise CommandError(f"save: {why} moves differently, by {apart:.1e} m; a recording can hold it")
     return found
 
 

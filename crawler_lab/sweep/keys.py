@@ -73,7 +73,7 @@ def read(node: Any, path: KeyPath, key: str) -> Any:
         if step == EVERY:
             found = [read(part, path[depth + 1 :], key) for part in node]
             if any(value != found[0] for value in found):
-                raise SceneError(f"vary: {key}: the links differ, so that no one number stands for all: {found[:4]}")
+                raise SceneError(f"vary: {key}: the links differ, so no one number stands for all: {found[:4]}")
             return found[0]
         node = node.get(step) if isinstance(node, dict) else node[step]
     return node

@@ -153,7 +153,7 @@ def test_without_a_robot_and_with_another_one_nothing_is_sent(tmp_path):
 
     async def other(page: Any) -> None:
         frame = await next_frame(page, lambda frame: frame["error"])
-        assert "the robot is another one than two_contacts_anisotropic" in frame["error"]
+        assert "the robot differs from two_contacts_anisotropic" in frame["error"]
         assert frame["console"][0].startswith("0 commands")
 
     with graph(tmp_path) as ros:
