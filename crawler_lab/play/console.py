@@ -116,9 +116,7 @@ class Console(Robot):
             return np.zeros((3, len(self._names[name])))
         message = deserialize_message(self._arrived[name], JointState)
         if list(message.name) != self._names[name]:
-            raise CommandError(
-                f"{name} has {', '.join(message.name[:4])}: the robot differs from {self.scene.name}"
-            )
+            raise CommandError(f"{name} has {', '.join(message.name[:4])}: the robot differs from {self.scene.name}")
         return np.array([message.position, message.velocity, message.effort])
 
     def _find_row(self) -> np.ndarray:

@@ -105,9 +105,7 @@ def test_the_derivative_by_a_number_of_all_links_needs_links_that_are_alike():
     assert alike.per_period[-1] == pytest.approx(
         sensitivities(chain({"stiffness": 8.0}), alike.parameters).per_period[-1]
     )
-    with pytest.raises(
-        SceneError, match=re.escape("the links differ, so no one number stands for all: [8.0, 4.0]")
-    ):
+    with pytest.raises(SceneError, match=re.escape("the links differ, so no one number stands for all: [8.0, 4.0]")):
         sensitivities(chain([{"stiffness": 8.0}, {"stiffness": 4.0}]), ["body.links.stiffness"])
 
 
