@@ -1,4 +1,4 @@
-"""The drives on which the growth of the time of a ramp is measured: those that are hardest for the solver."""
+"""The drives on which the growth of the time of a ramp is measured: the hardest ones for the solver."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class Task:
     undetermined: tuple[int, ...]
 
     def values(self, start: bool) -> dict[str, np.ndarray]:
-        """List stiffness [N/m] and friction [N]: the true ones, or those from which a method starts."""
+        """List stiffness [N/m] and friction [N]: the true ones, or the start of a method."""
         true = {_STIFFNESS: np.array(_TRUE_STIFFNESS), _FRICTION: np.array(self.friction)}
         return {key: v * _WRONG[key] if start and key in self.keys else v for key, v in true.items()}
 
@@ -78,7 +78,7 @@ class Task:
         return np.concatenate([self.values(start)[key] for key in self.keys])
 
     def scene(self, start: bool) -> Scene:
-        """Build the chain with the true values, or with those from which a method starts."""
+        """Build the chain with the true values, or with the start of a method."""
         values = {key: v.tolist() for key, v in self.values(start).items()}
         phase = 2.0 * np.pi * (np.arange(10)[:, None] / 10.0 - [0.0, 0.25])
         return Scene.model_validate(

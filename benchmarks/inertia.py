@@ -48,7 +48,7 @@ def build_bodies(count: int) -> list[Scene]:
     None is critical: where friction does not determine the translation, masses do, however small.
 
     Args:
-        count: their number; those after the fifth one are random chains.
+        count: their number; after the fifth one they are random chains.
 
     Returns:
         The scenes.

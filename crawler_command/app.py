@@ -1,4 +1,4 @@
-"""The `crawler` command: its verbs, those that packages enter as `crawler.verbs`, and how its errors are printed."""
+"""The `crawler` command: its own verbs, verbs of packages by `crawler.verbs`, and how its errors are printed."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from .turning_report import print_turning
 
 _MOST_ROWS = 20
 _MOST_TICKS, _MOST_NUMBERS = 5e4, 2e7
-"""Ticks and positions of contacts that a run for the report may have, beyond those at the usual rate."""
+"""Ticks and positions of contacts that a run for the report may have beyond the usual rate."""
 _TOO_STIFF = 1e9
 _TOO_LONG = 10.0  # lengths of the body
 _LONGEST = 20.0  # m: longer than any robot of the literature

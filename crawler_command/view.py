@@ -114,7 +114,7 @@ def read_frames(
 ) -> tuple[Scene, Iterable[Frame]]:
     """Read the frames of a recording; where only every n-th state was published, simulate it again to draw the others.
 
-    Where it cannot be simulated again, a line on standard error states why, and the frames are those recorded.
+    Where it cannot be simulated again, a line on standard error states why, and the recorded frames are drawn.
 
     Args:
         recording: a bag folder or an .mcap file.

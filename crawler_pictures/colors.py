@@ -16,7 +16,7 @@ JUMP = "#9b2fae"
 WALL = "#5b4636"
 """Walls on the track."""
 STALLED = "#e6007e"
-"""Links whose actuator stalls; those that are slack are grey and sag."""
+"""Links whose actuator stalls; slack links are grey and sag."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")
 """The two contacts of a body, where both are drawn as lines."""
 LINES = ("#2f5fc4", "#e08a1e", "#1b1b1b", "#56b4e9", "#665c00", "#e07ab8", "#5a2a6b", "#8a8a8a")

@@ -1,4 +1,4 @@
-"""Comparison of pictures with those that were looked at, which are kept small."""
+"""Comparison of pictures with small copies of pictures that were looked at."""
 
 from __future__ import annotations
 

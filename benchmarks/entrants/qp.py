@@ -286,7 +286,7 @@ def build_qp_peers(case: Case, ticks: tuple[int, ...]) -> list[Entrant]:
     """Build entrants of all solvers.
 
     Returns:
-        The entrants, including those that are not installed.
+        The entrants, also if not installed.
     """
 
     def start(backend: Backend, tolerance: float, t: int) -> Callable[[], QpRun]:

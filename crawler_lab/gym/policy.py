@@ -21,8 +21,8 @@ def load_policy(name: str) -> Policy:
     """Load a policy.
 
     Args:
-        name: `module:function`, with modules of the working directory among those that are found, or the path of a file
-            that ends with .onnx.
+        name: `module:function`, also with modules of the working directory, or the path of a file that ends with
+            .onnx.
 
     Returns:
         The policy.

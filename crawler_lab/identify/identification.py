@@ -37,7 +37,7 @@ class Identification:
         noise: estimated standard deviation of the measurements, of all together [m].
         held_out: root mean square of the residuals that were not fitted [m]; None if nothing was held out.
         score: how well the rows that were not fitted are predicted; None if nothing was held out.
-        model_fits: whether all residuals are about as large as the noise, and those held out not larger than predicted.
+        model_fits: whether all residuals are about as large as the noise, and held-out ones not larger than predicted.
         where: where the misfit is largest; None if there is none.
         misfits: the size of the residuals of each channel.
         explanations: changes of the model that would explain a misfit, the best one first.

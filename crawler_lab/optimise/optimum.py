@@ -108,7 +108,7 @@ class Optimum:
         motion: in the plane dx, dy per period [m], of a body that turns in its own frame and with dyaw [rad]; None on a
             line.
         periods: on patches of ground, number of first periods whose mean `gain` is; None elsewhere.
-        robustness: with `robust_to`, how good the gait is on other bodies than those on which it was sought.
+        robustness: with `robust_to`, how good the gait is on other bodies than in the search.
         interrupted: whether Ctrl-C ended the search.
         around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
             `landscape.profile` shows it.

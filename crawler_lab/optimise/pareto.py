@@ -191,7 +191,7 @@ def _compromise(space: Space, point: np.ndarray) -> Compromise:
 
 
 def _undominated(points: list[Compromise]) -> tuple[Compromise, ...]:
-    """Leave out the gaits that another one beats in gain and cost, and those that are as good as another one."""
+    """Leave out the gaits that another one beats in gain and cost, and gaits that are as good as another one."""
     kept: list[Compromise] = []
     for point in sorted(points, key=lambda one: (-one.gain, one.cost_of_transport)):
         cost = kept[-1].cost_of_transport if kept else math.inf

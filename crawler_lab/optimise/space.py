@@ -175,7 +175,7 @@ class Space:
         """Compute what the objective is named after for a candidate.
 
         Args:
-            regimes: its regimes on the scenes; those that cannot be followed do not count.
+            regimes: its regimes on the scenes; scenes without one do not count.
 
         Returns:
             On the scene where it is worst, or the mean [m or 1]; NaN where it has no value.
@@ -241,7 +241,7 @@ class Evaluator:
             points: in the unit box, each of shape (P,).
 
         Returns:
-            Shape (M,); -inf for those that the time limit leaves out.
+            Shape (M,); -inf for candidates that the time limit leaves out.
         """
         found = self.regimes(points)
         return np.array([-math.inf if regimes is None else self.space.score(regimes) for regimes in found])
@@ -253,7 +253,7 @@ class Evaluator:
             points: in the unit box, each of shape (P,).
 
         Returns:
-            For each candidate those on all scenes; None for those that the time limit leaves out.
+            For each candidate its regimes on all scenes; None if the time limit leaves it out.
         """
         if math.isinf(self._each) and self._may_wait and len(points) > 1 and not self.is_over():
             return self.regimes(points[:1]) + self.regimes(points[1:])
@@ -270,7 +270,7 @@ class Evaluator:
 
     @property
     def _may_wait(self) -> bool:
-        """Whether a time limit has to wait for candidates that are run together; those in the plane are not."""
+        """Whether a time limit has to wait for candidates that are run together, as only on a line."""
         return self.over is not None and self.space.scenes[0].base.dimension == 1
 
     def _count_together(self) -> int:

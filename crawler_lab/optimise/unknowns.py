@@ -182,7 +182,7 @@ class Unknowns:
 
         On patches, where the first periods count, they do as a scene does that is written `start: relaxed`.
 
-        Where bodies in the plane start does not matter, and to relax those that turn takes as long as a period.
+        Where bodies in the plane start does not matter, and to relax a body that turns takes as long as a period.
         """
         body = self.base.body
         if self.table is None or self._is_patched:

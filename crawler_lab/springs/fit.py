@@ -92,7 +92,7 @@ def fit_loop(path: Path, force: np.ndarray, time: np.ndarray, reach: np.ndarray)
     """Fit the least number of elements and pieces of a curve.
 
     Pieces and elements are added as long as the criterion falls. What is left tells the noise, whose memory makes rows
-    count less; then those are removed that explain no more than this noise.
+    count less; then all that explain no more than this noise are removed.
 
     Args:
         force: shape (R,) [N].

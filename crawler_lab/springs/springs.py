@@ -80,7 +80,7 @@ class Springs:
         force_at_zero: of the spring at elongation 0, in N.
         stiffnesses: of the pieces of the spring, in N/m.
         knots: elongations between the pieces, in m.
-        elements: the elements, those that yield first before others.
+        elements: the elements, in the order in which they yield.
         width: greatest difference between loading and unloading at the same elongation [N].
         widths: the same at a quarter and at three quarters of the elongations, shape (2,) [N].
         residual: root mean square of what the fit leaves [N].

@@ -31,7 +31,7 @@ ROW = np.dtype(
 
 
 def find_legs(ends: np.ndarray, ramps: int) -> np.ndarray:
-    """Find the ramps at which the account is read: those that end the last two periods, and the last one.
+    """Find the ramps at which the account is read: the ends of the last two periods, and the last ramp.
 
     Args:
         ends: ramps that end a period, increasing, shape (E,).

@@ -178,7 +178,7 @@ class InertiaMeter:
             after_ns: when the first one begins [ns].
             ends_ns: when each ends, shape (V,) [ns]; ramps of no duration have no velocity and do not count.
             x: displacement after each, shape (V, N), in the plane (V, N, 2) [m]; needed unless `follows_pieces`.
-            jumped: those in which the body jumped, which has no velocity.
+            jumped: ramps in which the body jumped, which has no velocity.
         """
         begins = np.concatenate(([after_ns], ends_ns[:-1]))
         rows = np.vstack((self.target, targets))

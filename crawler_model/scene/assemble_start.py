@@ -200,7 +200,7 @@ def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compute forward bounds, backward bounds and loads at the start, on patches those there, shape (..., N)."""
+    """Compute forward bounds, backward bounds and loads at the start, on patches as they are there, shape (..., N)."""
     body, drive, track = assembly.body, assembly.drive, assembly.ground.track
     if track is not None:
         place = track.find_places(body.position, assembly.start_displacement)

@@ -90,7 +90,7 @@ class Assembly:
         """Collect the arrays that may vary.
 
         Returns:
-            By the names in `AXES`, without those that the scene does not have.
+            By the names in `AXES`, as far as the scene has them.
         """
         drive = self.drive
         arrays = {

@@ -42,7 +42,7 @@ class Panel(Protocol):
 class Stage:
     """Draws the frames of a film, each in a few milliseconds.
 
-    Those who draw frames do so in `own_style`, which takes as long as a frame.
+    Callers draw frames in `own_style`, which takes as long as a frame.
     """
 
     def __init__(self, film: Film, width: int = 1280, height: int = 720) -> None:

@@ -1,4 +1,4 @@
-"""The files of a recording: which there are, which metadata.yaml promises, and those that are compressed as a whole."""
+"""The files of a recording: which there are, which metadata.yaml promises, and which are compressed as a whole."""
 
 from __future__ import annotations
 
@@ -254,7 +254,7 @@ class Held:
 
 
 def compare_with_promises(promises: Sequence[Promise], held: Sequence[Held]) -> list[str]:
-    """Compare the files of a recording with those that metadata.yaml lists.
+    """Compare the files of a recording with the list in metadata.yaml.
 
     Args:
         promises: the files that it lists.

@@ -126,8 +126,8 @@ def merge(
         progress: called with the fraction done, in [0, 1].
 
     Yields:
-        The messages in log order. Those received at the same time are in one block: in the order of their channels, on
-        a channel in the order of their stamps, then of their numbers.
+        The messages in log order. Messages received at the same time are in one block: in the order of their channels,
+        on a channel in the order of their stamps, then of their numbers.
     """
     waiting: list[Block] = []
     for k, piece in enumerate(pieces):

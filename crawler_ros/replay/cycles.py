@@ -200,7 +200,7 @@ def _find_recurrence(path: CommandPath) -> list[Stretch]:
 
 
 def _corners(path: CommandPath) -> np.ndarray:
-    """List the vertices at which a path turns, and the first and the last, but not those on straight lines."""
+    """List the vertices at which a path turns, and the first and the last, but none on straight lines."""
     at = np.append(0, np.flatnonzero(path.moved()) + 1)
     step = np.diff(path.place[at], axis=0)
     if step.shape[0] < 2:

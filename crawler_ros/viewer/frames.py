@@ -291,7 +291,7 @@ def _frames(
 
 
 def find_moving(body: Body, moved: np.ndarray) -> np.ndarray:
-    """Find which stations of a body that turns move, also those without friction.
+    """Find which stations of a body that turns move, also without friction.
 
     Args:
         body: the body.

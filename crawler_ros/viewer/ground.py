@@ -70,7 +70,7 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
 
 
 def _text_rows(sections: list[Section], length: float) -> list[float]:
-    """Choose the heights of texts, from left to right: those that would cover their neighbour go one row down."""
+    """Choose the heights of texts, from left to right: a text that would cover its neighbour goes one row down."""
     rows = [0.19, 0.24]
     ends = [-np.inf, -np.inf]
     chosen = []

@@ -123,7 +123,7 @@ class CdrReader:
         return np.frombuffer(self.data, self.order + "f8", size, first)
 
     def end(self, sequences: int) -> None:
-        """Refuse bytes behind the message beyond those that Fast DDS leaves there: 4 a sequence that may be empty."""
+        """Refuse bytes behind the message beyond what Fast DDS leaves there: 4 a sequence that may be empty."""
         left = len(self.data) - self.place
         if left >= 8 + 4 * sequences:
             raise CommandError(f"not a message of this type: {left} more bytes follow its end at byte {self.place}")

@@ -94,7 +94,7 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
 
 
 def _find_lengths(body: Body, z: np.ndarray, tension: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Find the rest lengths of links and joints, those that are taken where curves are flat."""
+    """Find the rest lengths of links and joints, with a choice where curves are flat."""
     stiffness = body.stiffness[body.link_springs] if body.segments else body.stiffnesses
     found = z - tension / np.repeat(stiffness, z.size // max(stiffness.size, 1))
     springs = body.link_springs.tolist()
@@ -109,7 +109,7 @@ def _find_lengths(body: Body, z: np.ndarray, tension: np.ndarray, taken: np.ndar
 
 
 def _find_strains(body: Body, segment: Segment, elongation: float, tension: float, taken: np.ndarray) -> np.ndarray:
-    """Find the strains of a segment from its elongation and its mean tension, those that are taken where it bends."""
+    """Find the strains of a segment from its elongation and its mean tension, with a choice where it bends."""
     stiffness = body.stiffness[segment.springs]
     bent = {bend.spring for bend in body.bends}
     if not bent.isdisjoint(range(body.springs)[segment.springs]) or np.ptp(stiffness) > _ROUNDING * stiffness[0]:

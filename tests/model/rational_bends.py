@@ -90,7 +90,7 @@ class RationalGround:
 
 @dataclass
 class RationalBentBody:
-    """A body at rest whose links have curves; `forward` and `backward` are its bounds, at first those commanded."""
+    """A body at rest whose links have curves; `forward` and `backward` are its bounds, at first the commanded ones."""
 
     n: int
     links: list[RationalLink]
@@ -223,7 +223,7 @@ class RationalBentBody:
             raise NotUniqueError(2)
 
     def _at_bounds(self) -> tuple[set[int], set[int]]:
-        """The contacts at forward bounds, and those at backward bounds."""
+        """The contacts at forward bounds, and at backward bounds."""
         force = self.forces()
         for i in range(self.n):
             assert -self.bound[-1][i] <= force[i] <= self.bound[1][i]

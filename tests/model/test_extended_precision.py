@@ -14,7 +14,7 @@ KINDS = ("chain", "graph", *BENT[:2], *ON_PATCHES[:2])
 
 
 def cases(random: int, stiff: int) -> list[tuple[str, int, float, int, str]]:
-    """The cases with these seeds of the bodies, and of those whose stiffnesses differ by a factor of 1e6."""
+    """The cases with these seeds of the bodies, and of bodies whose stiffnesses differ by a factor of 1e6."""
     chains = [("chain", stiff, 1e6, 20, method) for method in ("exact", "catch_up")]
     return [*((kind, random, 1.0, 2, "exact") for kind in KINDS), *chains]
 

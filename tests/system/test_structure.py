@@ -259,7 +259,7 @@ def shared(function: Any) -> dict[str, str]:
 
 
 def names_arguments(text: str, function: Any) -> bool:
-    """Whether a docstring names the arguments of a function in order, but for those that its package describes."""
+    """Whether a docstring names the arguments of a function in order, but for arguments that its package describes."""
     named = names(text, "Args")
     return named == [p for p in parameters(function) if p in named or p not in shared(function)]
 

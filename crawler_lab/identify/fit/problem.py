@@ -36,7 +36,7 @@ class Residuals:
         all: simulated minus measured with the offsets and drifts that fit best, per recording, shape (T, M) [m]; NaN
             where nothing is measured.
         resting: whether each contact rests, elongations whether they do not change, per recording, bool, shape (T, M).
-        fitted: those that are fitted, whitened, channel by channel, then the priors, shape (R,) [1].
+        fitted: the fitted rows, whitened, channel by channel, then the priors, shape (R,) [1].
         jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
         linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
         d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).

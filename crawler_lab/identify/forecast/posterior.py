@@ -35,7 +35,7 @@ class Posterior:
     """The fitted numbers of a scene with their covariance, and what is known about the others.
 
     Attributes:
-        names: the P parameters with the verdicts `identified` and `ratio`, those left out that only fix a scale; and
+        names: the P parameters with the verdicts `identified` and `ratio`, without any that only fix a scale; and
             `gain`, if the actuators have one, which multiply lengths by 1 + gain.
         values: shape (P,) [unit of each key].
         covariance: of the values, shape (P, P) [product of both units].
@@ -106,7 +106,7 @@ class Posterior:
         """Name all numbers of the scene about which something is known.
 
         Returns:
-            Those with a covariance, those that are bounded, and those that are held.
+            Parameters with a covariance, bounded ones, and held ones.
         """
         return (*(name for name in self.names if name != GAIN), *self.bounds, *self.held)
 

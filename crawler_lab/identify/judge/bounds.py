@@ -27,11 +27,11 @@ def find_bounds(
     """Find least and largest values of parameters without effect on the motion, as friction held and springs moved.
 
     A bound counts only as far as the residuals grow by more than noise beyond it, whatever the other parameters
-    without effect are, and those that are not determined.
+    without effect are, and which are not determined.
 
     Args:
         unseen: these parameters.
-        weak: those that are not determined.
+        weak: parameters that are not determined.
 
     Returns:
         For each parameter, by whether it is a lower bound, the bound [unit of the scene's key], and when what did not

@@ -22,7 +22,7 @@ def find_intervals(
 
     Args:
         free: the parameters that move.
-        weak: those among them that are not determined.
+        weak: which of them are not determined.
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows

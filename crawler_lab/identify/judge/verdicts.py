@@ -111,7 +111,7 @@ class Structure:
 
 
 def find_structure(problem: Problem, fit: Fit, known: Structure | None = None) -> Structure:
-    """Find null directions of the Jacobian, exact ones and those that the noise hides.
+    """Find null directions of the Jacobian, exact ones and ones that the noise hides.
 
     Args:
         known: what was found before; its groups remain.
@@ -174,7 +174,7 @@ def _hidden(
 ) -> tuple[list[int], float] | None:
     """Find the ratio or the parameter that the noise hides most, if it hides any.
 
-    The parameters of a ratio move together along `scaled`, shape (P,). Those that are weak already may have any value.
+    The parameters of a ratio move together along `scaled`, shape (P,). Weak ones may have any value.
     """
     covariance, freedom = find_covariance(problem, replace(fit, spread=np.zeros_like(fit.spread)), jacobian, free)
     quantile = find_quantile(freedom)

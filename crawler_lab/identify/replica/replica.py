@@ -241,7 +241,7 @@ class Replica:
         return None if plan is None else find_distances(*plan, time, x)
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
-        """Build the arrays at some values, and their derivatives, or those elsewhere; None if they are not valid."""
+        """Build the arrays at some values, and their derivatives there or elsewhere; None if they are not valid."""
         local, base = self._local, self._base
         if not self._is_affine and not np.array_equal(values, local.values):
             try:

@@ -13,7 +13,7 @@ from pathlib import Path
 from crawler_model import CrawlerError
 
 DOMAINS = range(1, 102)
-"""Not 0, the default of all programs; the ports of domains above 101 overlap those that the kernel assigns."""
+"""Not 0, the default of all programs; the ports of domains above 101 overlap with ports that the kernel assigns."""
 _FIRST_PORT, _PORTS = 7400, 250  # DDS: of domain 0, and from one domain to the next
 
 

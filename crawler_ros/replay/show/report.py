@@ -148,7 +148,7 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
 
 
 def _print_limits(replay: Replay, screen: Console) -> None:
-    """Print how long links were slack or stalled, those that were longest first."""
+    """Print how long links were slack or stalled, the longest first."""
     times = [
         (seconds, f"{name} {word} {seconds:.4g} s")
         for name, found in (replay.at_limits or {}).items()

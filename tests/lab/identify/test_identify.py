@@ -542,7 +542,7 @@ def test_held_out_rows_that_depend_on_a_bound_are_no_misfit() -> None:
     bounds = {p.name: p.value for p in found.parameters if p.verdict == "bound"}
     assert bounds.keys() == {"friction.backward[1]", "friction.backward[2]"}
     assert all(value < truth(document, name) for name, value in bounds.items())
-    assert found.score.residual > 5e-3  # at one value of those beyond the bound
+    assert found.score.residual > 5e-3  # at one of the values beyond the bound
     assert found.score.coverage >= 0.9
     assert found.model_fits
 

@@ -1,4 +1,4 @@
-"""Measurements with gaps, and those that are refused."""
+"""Measurements with gaps, and measurements that are refused."""
 
 from __future__ import annotations
 

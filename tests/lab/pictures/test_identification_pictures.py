@@ -50,7 +50,7 @@ def found():
 
 
 def panels(found: Identification) -> tuple[list, list]:
-    """The axes of residuals over time, and those over phase."""
+    """The axes of residuals over time, and over phase."""
     axes = [axis for part in plot_identification(found).subfigs for axis in part.axes]
     rows = [axis for axis in axes if axis.get_ylabel().endswith("x noise")]
     return rows, [axes[axes.index(axis) + 1] for axis in rows]

@@ -93,7 +93,7 @@ def test_scenes_without_masses_have_no_number():
 
 
 def test_mean_velocities_of_ramps_find_the_events_of_pieces():
-    """The fallback of bodies in the plane: two contacts along the x axis have the number of those on the line."""
+    """The fallback of bodies in the plane: two contacts along the x axis have the same number as on the line."""
     document = two_contacts(masses=MASS).document() | {"dimension": 2}
     document["body"]["contacts"] = [[0.0, 0.0], [0.2, 0.0]]
     document["friction"] = {"isotropic": 0.2}
