@@ -1,7 +1,7 @@
-"""The recording process, and the simulator's end of the memory and the pipes that they share.
+"""The simulator's end of a recording: the memory and the pipes that it shares with the process that writes the file.
 
-`python -m crawler_ros.recording.recorder` writes the file. The simulator copies records into a ring of shared memory
-and sends the process, through a pipe, where they are: the contents of a pipe would be copied twice more.
+The simulator copies records into a ring of shared memory and sends the process (`recording_process.py`), through a
+pipe, where they are: the contents of a pipe would be copied twice more.
 """
 
 from __future__ import annotations
@@ -14,19 +14,18 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ..wire.topics import Topic
 from .bag_folder import make_folder
-from .bag_writer import BagWriter, describe_channel
+from .bag_writer import describe_channel
 from .record_head import message_head
-from .ring import PIECE, RING_BYTES, Ring, read_ring
+from .ring import PIECE, RING_BYTES, Ring
 
-FLUSH_EVERY_S = 0.5
-_FIRST_FLUSH_S = 0.1
-
+RECORDING_PROCESS = "crawler_ros.recording.recording_process"
+"""The module that `python -m` runs."""
 _PUSH_EVERY_NS = 2_000_000
 _LISTEN_EVERY_NS = 200_000_000
 _LOOK_EVERY_S = 0.001
@@ -98,7 +97,7 @@ class Recorder:
         self.folder = make_folder(self.folder, self._name)
         self._ring = Ring()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "crawler_ros.recording.recorder", str(self._ring.fd)],
+            [sys.executable, "-m", RECORDING_PROCESS, str(self._ring.fd)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(self._ring.fd,),
@@ -287,51 +286,3 @@ class Recorder:
             return None
         last = output.rpartition("\n")[2] or self.trouble.removeprefix("recording in trouble: ")
         return f"recording stopped: {last or f'the process ended with status {self._process.returncode}'}"
-
-
-def main() -> int:
-    """Record the messages in the ring whose places arrive on standard input until it ends."""
-    pieces = read_ring(int(sys.argv[1]), sys.stdin.fileno(), _FIRST_FLUSH_S)
-    header = next(pieces, None)
-    return 0 if header is None else _record(json.loads(bytes(header)), pieces)
-
-
-def _record(header: dict[str, Any], pieces: Iterator[memoryview]) -> int:
-    """Write the recording that a header describes; return the exit status."""
-    try:
-        bag = BagWriter(Path(header["folder"]), header["attachments"])
-        for name, type_name, definition, metadata in header["channels"]:
-            bag.add_channel(name, type_name, definition.encode(), metadata)
-        _report("")  # it is open
-        _write(pieces, bag)
-        trouble = bag.find_trouble()
-        bag.close()
-    except OSError as error:  # such as a full disk: flushed messages can be recovered
-        _report(str(error))
-        return 1
-    if trouble:
-        _report(trouble)
-    return 1 if trouble else 0
-
-
-def _report(text: str) -> None:
-    """Send the simulator, which may have been killed, a line with the problem; "" when it is over."""
-    with contextlib.suppress(OSError):
-        os.write(sys.stdout.fileno(), f"{' '.join(text.split())}\n".encode())
-
-
-def _write(pieces: Iterator[memoryview], bag: BagWriter) -> None:
-    """Write message records, flushing soon after the beginning and then twice a second."""
-    rest, due, trouble = b"", time.monotonic() + _FIRST_FLUSH_S, ""
-    for piece in pieces:
-        data = memoryview(rest + piece) if rest else piece  # a record may go on at the beginning of the ring
-        rest = bytes(data[bag.write_records(data) :])
-        if time.monotonic() >= due:
-            bag.flush()
-            due, before, trouble = time.monotonic() + FLUSH_EVERY_S, trouble, bag.find_trouble()
-            if trouble != before:
-                _report(trouble)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
