@@ -32,8 +32,8 @@ class Table:
         friction: whether the friction of each contact and segment is unknown, too, equal in both directions.
         column_of: for each column of a command row the unknown of its waypoint that it shows, or -1, shape (C,).
         low: lower bounds of the unknowns of a waypoint, shape (J,) or (J + contacts and segments,) [m, 1, N, N/m].
-        high: upper bounds of the same shape. span: length by which an unknown is multiplied to get a change of length,
-            1 for links, shape (J,) [1, m].
+        high: upper bounds of the same shape.
+        span: length by which an unknown is multiplied to get a change of length, 1 for links, shape (J,) [1, m].
         held: the actuation of each link, segment and joint, in the plane of each component of a link, NaN where it is
             unknown [m, 1, rad].
         axes: number of components of the actuation of a link.
@@ -106,7 +106,8 @@ class Unknowns:
         keys: numbers of the scene, by dotted keys.
         table: the waypoints, or None if the scene's own drive is played.
         low: lower bounds of the numbers of the scene, then of the waypoints, shape (P,).
-        high: upper bounds of the same shape. original: the scene as it was given.
+        high: upper bounds of the same shape.
+        original: the scene as it was given.
     """
 
     base: Scene
