@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from rich.console import Console
 
-from crawler_model import Trajectory
+from crawler_model import Crawler, Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.curves import YIELD, Bend
 from crawler_model.body.drive import NS
@@ -36,9 +36,11 @@ def print_largest_force(run: Trajectory, screen: Console) -> None:
 
 
 def _states(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the elongations z and the commanded lengths L of a run, shape (T, S) each [m]."""
-    rows = run.scene.drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
-    return run.scene.body.elongation(run.displacement), run.scene.columns.target(rows)[:, : run.scene.body.springs]
+    """Compute the elongations z and the rest lengths L of a run, shape (T, S) each [m]."""
+    ticks = np.rint(run.time * NS).astype(np.int64)
+    ends, targets, *_ = run.scene.drive.ramps_between(-1, ticks)
+    lengths = Crawler(run.scene, run.method).lengths_at(targets)
+    return run.scene.body.elongation(run.displacement), lengths[np.searchsorted(ends, ticks)]
 
 
 def print_limits_of_tension(run: Trajectory, screen: Console) -> None:

@@ -99,12 +99,12 @@ def differentiate_arrays(scene: Scene, keys: Sequence[str], caller: str) -> Deri
         The derivatives.
 
     Raises:
-        SceneError: if a key is unknown or its number cannot change, or springs have hysteresis.
+        SceneError: if a key is unknown or its number cannot change, or springs or actuators remember their path.
     """
-    if scene.body.dimension == 1 and any(bend.sliders for bend in scene.body.bends):
+    if scene.body.memory:
         raise SceneError(
-            f"{caller}: {scene.name} has springs with hysteresis; derivatives of what they remember are not "
-            "implemented: `crawler sweep` varies their numbers"
+            f"{caller}: {scene.name} has {scene.body.memory}; derivatives of what they remember are not implemented: "
+            "`crawler sweep` varies their numbers"
         )
     names = expand_keys(scene, keys, caller)
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)

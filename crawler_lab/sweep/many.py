@@ -203,7 +203,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
         if stop is not None and stop():
             return None
         records = np.empty((targets.shape[0], 2 * x.size + tension.size))
-        began = time.perf_counter()
+        lengths, began = crawler.lengths_at(targets)[None], time.perf_counter()
         step, spent, jump_loss = None, [], 0.0
         for first, until in itertools.pairwise(find_legs(ends, targets.shape[0]).tolist()):
             step = crawler.follow(targets[first:until], records[first:until], step)
@@ -213,7 +213,6 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
                 screw.mark()
         assert step is not None
         kernel_s += time.perf_counter() - began
-        lengths = targets[None, :, : scene.body.springs]
         gained = energy_of_sliders(bends, crawler.hysteresis) - remembered
         ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths, gained)
     row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s, screw.gain())[0]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from ..arrays import join
 from .curves import Bend
 from .limits import Limits, build_limits
+from .play import Play, build_play
 from .turning import Turning, find_forces, measure_shape, relax_shape, wrap
 
 
@@ -75,7 +76,7 @@ class Body:
         isolated: indices of the isolated contacts, in the order of the scene, shape (I,).
         link_springs: index of the spring of each link, in the order of the scene, shape (links,).
         segments: positions of the segments in these arrays.
-        bends: the springs that are not linear, in the order of their indices.
+        bends: the springs that are not linear, or have backlash, in the order of their indices.
         turning: joints, frames and heading of a body in the plane whose springs have lengths, see `Turning`; None where
             they are vectors, and on a line.
 
@@ -131,6 +132,33 @@ class Body:
     def has_flat_springs(self) -> bool:
         """Whether a spring can change its length at constant tension, so that it holds nothing."""
         return any(bend.is_flat_somewhere for bend in self.bends)
+
+    @functools.cached_property
+    def play(self) -> Play | None:
+        """The slacks between commands and actuators; None where there are none."""
+        return build_play(self.bends)
+
+    @functools.cached_property
+    def memory(self) -> str:
+        """What of the body remembers its path, as springs with hysteresis do; empty if nothing."""
+        if any(bend.sliders for bend in self.bends):
+            return "springs with hysteresis"
+        return "" if self.play is None else "actuators with backlash"
+
+    def start_lengths(self, commanded: np.ndarray) -> np.ndarray:
+        """Compute the rest lengths at the start of a scene.
+
+        Args:
+            commanded: those commanded there, shape (..., S), in the plane (..., 2 S) [m].
+
+        Returns:
+            L, same shape [m].
+        """
+        if self.play is None:
+            return commanded
+        lengths = np.array(commanded)
+        lengths[..., self.play.springs] += self.play.ahead
+        return lengths
 
     @functools.cached_property
     def stations(self) -> np.ndarray:

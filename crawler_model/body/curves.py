@@ -193,7 +193,7 @@ STIFFNESS, YIELD, START = range(3)
 
 @dataclass(frozen=True, eq=False)
 class Bend:
-    """A spring of a body that is not linear.
+    """A spring of a body that is not linear, or has backlash.
 
     Attributes:
         spring: its index.
@@ -201,12 +201,16 @@ class Bend:
         passive: tension over z.
         sliders: Maxwell-slip elements beside both: rows of stiffness [N/m], force at which it yields [N], and force at
             the start [N]. Tensions and energies here are without them.
+        backlash: slack between the command and the actuator, in all [m].
+        ahead: how far the actuator is ahead of its command at the start [m].
     """
 
     spring: int
     actuator: Curve
     passive: Curve
     sliders: tuple[tuple[float, float, float], ...] = ()
+    backlash: float = 0.0
+    ahead: float = 0.0
 
     @property
     def stiffness(self) -> float:

@@ -93,6 +93,24 @@ class Crawler:
         return frozen(self._state.actuation)
 
     @property
+    def commanded(self) -> np.ndarray:
+        """L as commanded, from which `actuation` differs within the backlash of actuators, same shape [m]."""
+        return frozen(self._state.commanded)
+
+    def lengths_at(self, targets: np.ndarray) -> np.ndarray:
+        """Compute the rest lengths that ramps will lead to, with the backlash of actuators.
+
+        Args:
+            targets: rows as returned by `target`, which are not followed here, shape (V, F).
+
+        Returns:
+            L of each spring at the end of each ramp, shape (V, S), in the plane (V, 2 S), with joints (V, S + J)
+            [m, rad].
+        """
+        play, lengths = self.body.play, targets[:, : self.body.lengths]
+        return lengths if play is None else play.follow(self.actuation[play.springs], lengths)
+
+    @property
     def forward(self) -> np.ndarray:
         """mu_plus in force, as commanded on patches of ground, shape (N,) [N]; for bodies on a line."""
         self.scene.columns.check_two_sided("forward")
@@ -265,7 +283,7 @@ class Crawler:
         """Convert a row to a target; what it leaves out stays as it is in force."""
         columns, state = self.scene.columns, self._state
         if np.isnan(row).any():
-            target = columns.held_target(row, state.actuation.ravel(), state.bounds, state.loads)
+            target = columns.held_target(row, state.commanded.ravel(), state.bounds, state.loads)
         else:
             target = np.array(columns.target(row))
         columns.check_equilibrium(target, "command", CommandError)
@@ -277,7 +295,7 @@ class Crawler:
         state = self._state
         if self._row is not None:
             return self._row.copy()
-        return self.scene.columns.row(state.actuation.ravel(), state.friction, state.loads)
+        return self.scene.columns.row(state.commanded.ravel(), state.friction, state.loads)
 
     def advance(
         self,

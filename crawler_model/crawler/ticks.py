@@ -21,10 +21,12 @@ def runs_in_one_call(crawler: Crawler) -> bool:
         crawler: the crawler.
 
     Returns:
-        True for links on a line, on ground that is the same everywhere: other bodies are followed tick by tick.
+        True for links on a line without backlash, on ground that is the same everywhere: other bodies are followed tick
+        by tick.
     """
     motion = crawler._motion
-    return isinstance(motion, LineMotion) and motion.track is None and not crawler.body.segments
+    simple = crawler.body.play is None and not crawler.body.segments
+    return isinstance(motion, LineMotion) and motion.track is None and simple
 
 
 def follow_ticks(

@@ -37,6 +37,10 @@ class State(Protocol):
         """Rest-length changes L in force, same shape [m]."""
 
     @property
+    def commanded(self) -> np.ndarray:
+        """Those commanded, from which L differs within the backlash of actuators, same shape [m]."""
+
+    @property
     def friction(self) -> np.ndarray:
         """Friction in force, as in a target, shape (F,) [N]."""
 

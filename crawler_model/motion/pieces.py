@@ -32,6 +32,27 @@ _CHANGES_A_RAMP = 6
 """Changes of a contact in a ramp for which there is room at first."""
 
 
+def locate_parts(pieces: np.ndarray, ramp: np.ndarray, begin: np.ndarray, end: np.ndarray) -> None:
+    """Locate pieces that were met in parts of ramps on these ramps.
+
+    Args:
+        pieces: the pieces behind the row with their number, not changes, shape (K + 1, 3 + 2 N); changed in place.
+        ramp: the ramp of each part, shape (W,).
+        begin: the place on it at which the part begins, shape (W,) [1].
+        end: the place on it at which the part ends, shape (W,) [1].
+    """
+    if not pieces.shape[0]:
+        return
+    met = pieces[1 : 1 + int(pieces[0, COUNT])]
+    part = met[:, RAMP].astype(np.int64)
+    width = (end - begin)[part]
+    for column in (FROM, UNTIL):
+        met[:, column] = begin[part] + met[:, column] * width
+    contacts = (pieces.shape[1] - HEADER) // 2
+    met[:, HEADER : HEADER + contacts] /= width[:, None]
+    met[:, RAMP] = ramp[part]
+
+
 def follow_pieces(
     motion: Any,
     state: Any,

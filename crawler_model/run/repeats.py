@@ -6,6 +6,8 @@ largest force of the body, one anchor would hide all that happens at the other c
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..body.body import Body
@@ -23,22 +25,26 @@ def determining_tension(body: Body, state: Crawler | State) -> np.ndarray:
     """Compute the tensions from which the motion goes on; where a spring is bent, tensions of a linear one instead.
 
     The tension of a bent spring that is slack or at a limit does not tell its length. The forces of elements of
-    hysteresis follow, which remember.
+    hysteresis follow, which remember, and what actuators with backlash do, as tensions by which they are ahead of their
+    commands.
 
     Args:
         body: the body.
         state: a crawler, or the state of a motion.
 
     Returns:
-        T, of bent springs k (z - L) with their largest stiffness, then the forces of the elements of hysteresis, shape
-        (S + H,), in the plane (S, 2) [N].
+        T, of bent springs k (z - L) with their largest stiffness, then the forces of the H elements of hysteresis and
+        of the B actuators with backlash, shape (S + H + B,), in the plane (S, 2) [N].
     """
     tension = np.array(state.tension)
     for bend in body.bends:
         s = bend.spring
         tension[s] = bend.stiffness * (state.shape[s] - state.actuation[s])
-    memory = getattr(state, "hysteresis", None)
-    return tension if memory is None or not memory.size else np.concatenate((tension, memory))
+    if not body.bends:
+        return tension
+    memory: Any = getattr(state, "hysteresis", np.empty(0))
+    ahead = body.stiffness * (state.actuation - state.commanded)
+    return np.concatenate((tension, memory, ahead[_remembering(body)[memory.size :]]))
 
 
 def determining_stiffness(body: Body) -> np.ndarray:
@@ -48,10 +54,18 @@ def determining_stiffness(body: Body) -> np.ndarray:
         body: the body, or M variations of it.
 
     Returns:
-        Shape (S + H,), of variations (M, S) [N/m].
+        Shape (S + H + B,), of variations (M, S) [N/m].
     """
-    sliders = list_sliders(body.bends)
-    return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS])) if sliders.size else body.stiffness
+    if not body.bends:
+        return body.stiffness
+    sliders, springs = list_sliders(body.bends), _remembering(body)
+    return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS], body.stiffness[springs[len(sliders) :]]))
+
+
+def _remembering(body: Body) -> np.ndarray:
+    """List the springs of the elements of hysteresis, then those of the actuators with backlash, shape (H + B,)."""
+    sliders = list_sliders(body.bends)[:, 0].astype(np.int64)
+    return sliders if body.play is None else np.concatenate((sliders, body.play.springs))
 
 
 def tensions_repeat(
@@ -64,7 +78,8 @@ def tensions_repeat(
     Args:
         body: the body, or M variations of it.
         targets: the commands of a period, shape (V, F), of variations (M, V, F).
-        tension: at the end of a period, from `determining_tension`, shape (S + H,) or (M, S), in the plane (S, 2) [N].
+        tension: at the end of a period, from `determining_tension`, shape (S + H + B,) or (M, S), in the plane (S, 2)
+            [N].
         before: at the end of the period before, same shape.
         part: of the friction and the tensions at the contact where they are weaker, by which a tension may differ [1].
 
@@ -85,9 +100,8 @@ def tensions_repeat(
         friction = np.maximum(bounds[..., :n], bounds[..., n:])
     at_contact = body.force_size(pull[: body.springs] if pull.ndim == 1 else pull) + friction
     weaker = np.minimum(at_contact[..., body.ends[:, 0]], at_contact[..., body.ends[:, 1]])
-    sliders = list_sliders(body.bends)
-    if sliders.size:
-        of = np.concatenate((np.arange(body.springs), sliders[:, 0].astype(np.int64)))
+    if body.bends:
+        of = np.concatenate((np.arange(body.springs), _remembering(body)))
         weaker, reach = weaker[of], reach[of]
     tolerance = part * weaker + _ROUNDING * (determining_stiffness(body) * reach + pull)
     return np.asarray((change <= tolerance).all(axis=-1))

@@ -158,6 +158,7 @@ class _Run:
         vertex_ns, targets, at, way_rows = drive.ramps_between(after_ns, tick_ns)
         width = self.x[0].size
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size + SPENT))
+        lengths = self.crawler.lengths_at(targets)
         step, yaw = self._follow(targets, records, vertex_ns)
         self.total.add(step.account, step.jump_loss)
         if self.inertia is not None:
@@ -172,7 +173,7 @@ class _Run:
         tension = records[:, 2 * width : -SPENT].reshape(-1, *self.tension.shape[1:])
         place = (vertex_ns.size, *self.x.shape[1:])
         x, rest = records[:, :width].reshape(place), records[:, width : 2 * width].reshape(place)
-        stored = self.crawler.body.energy(tension, x, targets[:, : tension.shape[1]]) + records[:, -SPENT]
+        stored = self.crawler.body.energy(tension, x, lengths) + records[:, -SPENT]
         self.peak = max(self.peak, float(np.abs(stored).max()))
         rows = slice(first + 1, first + 1 + tick_ns.size)
         self.stored[rows] = stored[ends]

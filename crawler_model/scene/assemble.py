@@ -110,9 +110,9 @@ def _check_parts(parts: SceneParts) -> None:
 def _check_planar(parts: SceneParts) -> None:
     if parts.body.is_bent:
         raise SceneError(
-            "body.links: `curve`, `tension`, `passive` and `hysteresis` are for bodies on a line, which are followed "
-            "from knot to knot; in the plane paths are followed in steps, which would pass over knots: give "
-            "only `stiffness`"
+            "body.links: `curve`, `tension`, `passive`, `hysteresis` and `backlash` are for bodies on a line, which "
+            "are followed from knot to knot; in the plane paths are followed in steps, which would pass over knots: "
+            "give only `stiffness`"
         )
     if parts.body.segments:
         raise SceneError("body.segments: segments lie on a line; a planar scene cannot have any")

@@ -1,4 +1,4 @@
-"""Assemble what links and segments have besides a stiffness: curves, limits of tension, passive springs and stops."""
+"""Assemble what links and segments have besides a stiffness: curves, limits, passive springs, hysteresis, backlash."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..arrays import frozen, spread
 from ..body.body import Body
 from ..body.curves import Bend, Curve, line, through
 from ..errors import SceneError
-from .link_parts import CurvePart, LinkPart, LinksPart, PassivePart, SegmentPart, TensionPart
+from .link_parts import CurvePart, LinksPart, PassivePart, SegmentPart, TensionPart
 from .parts import BodyPart, SceneParts, StartPart
 
 
@@ -55,15 +55,16 @@ def assemble_bends(parts: SceneParts, body: Body) -> Body:
         The body; the same one if all its springs are linear.
 
     Raises:
-        SceneError: if a spring has no stiffness at any length, stops do not fit, or hysteresis does not; the message
+        SceneError: if a spring has no stiffness at any length, or stops, hysteresis or backlash do not fit; the message
             names it.
     """
-    forces = _forces_at_start(parts, body)
+    forces, ahead = _forces_at_start(parts, body), _ahead_at_start(parts, body)
     if not parts.body.is_bent:
         return body
-    bends = _bend_links(parts.body, body, forces)
+    bends = _bend_links(parts.body, body, forces, ahead)
     for place, part in enumerate(parts.body.segments):
-        bends += _bend_segment(part, body, place, forces[body.link_springs.size + place])
+        at = body.link_springs.size + place
+        bends += _bend_segment(part, body, place, forces[at], ahead[at])
     bends.sort(key=lambda bend: bend.spring)
     stiffness = np.array(body.stiffness)
     for bend in bends:
@@ -74,9 +75,7 @@ def assemble_bends(parts: SceneParts, body: Body) -> Body:
 def _forces_at_start(parts: SceneParts, body: Body) -> list[tuple[float, ...]]:
     """Read the forces of the elements of hysteresis at the start: of each link, then of each segment [N]."""
     given = parts.start.hysteresis if isinstance(parts.start, StartPart) else None
-    links, count = parts.body.links, body.link_springs.size
-    each: list[Any] = [links] * count if isinstance(links, LinksPart) else list(links or ())
-    each += parts.body.segments
+    each = _list_parts(parts.body, body)
     if given is None:
         return [(0.0,) * len(part.hysteresis) for part in each]
     if len(given) != len(each):
@@ -96,7 +95,31 @@ def _forces_at_start(parts: SceneParts, body: Body) -> list[tuple[float, ...]]:
     return list(given)
 
 
-def _bend_segment(part: SegmentPart, body: Body, place: int, forces: tuple[float, ...]) -> list[Bend]:
+def _ahead_at_start(parts: SceneParts, body: Body) -> list[float]:
+    """Read how far actuators are ahead of their commands at the start: each link [m], then each segment [1]."""
+    given = parts.start.backlash if isinstance(parts.start, StartPart) else None
+    each = _list_parts(parts.body, body)
+    if given is None:
+        return [0.0] * len(each)
+    if len(given) != len(each):
+        raise SceneError(f"start.backlash: {len(given)} number(s); give one for each of {len(each)} links and segments")
+    for i, (ahead, part) in enumerate(zip(given, each, strict=True)):
+        if not abs(ahead) <= 0.5 * part.backlash:
+            raise SceneError(
+                f"start.backlash.{i}: {ahead:g}; it must be from {-0.5 * part.backlash:g} to {0.5 * part.backlash:g}, "
+                "half of the `backlash` there"
+            )
+    return list(given)
+
+
+def _list_parts(parts: BodyPart, body: Body) -> list[Any]:
+    """List the part of each link, then those of the segments."""
+    links, count = parts.links, body.link_springs.size
+    each: list[Any] = [links] * count if isinstance(links, LinksPart) else list(links or ())
+    return each + list(parts.segments)
+
+
+def _bend_segment(part: SegmentPart, body: Body, place: int, forces: tuple[float, ...], ahead: float) -> list[Bend]:
     """Bend the elements of a segment, whose curves are over the strain."""
     if not part.is_bent:
         return []
@@ -108,26 +131,25 @@ def _bend_segment(part: SegmentPart, body: Body, place: int, forces: tuple[float
             curve = _curve(part.curve).stretched(segment.element)
         else:
             curve = line(0.0 if part.stiffness is None else float(body.stiffness[spring]))
-        bend = Bend(spring, _actuator(curve, part.tension), passive, _sliders(part, segment.element, forces))
-        bends.append(_checked(bend, where))
+        sliders, slack = _sliders(part, segment.element, forces), (part.backlash, ahead)
+        actuator, (backlash, first) = _actuator(curve, part.tension), (segment.element * way for way in slack)
+        bends.append(_checked(Bend(spring, actuator, passive, sliders, backlash, first), where))
     return bends
 
 
-def _bend_links(parts: BodyPart, body: Body, forces: list[tuple[float, ...]]) -> list[Bend]:
-    links, count = parts.links, body.link_springs.size
-    if links is None:
-        return []
-    alike = isinstance(links, LinksPart)
-    each: tuple[LinksPart | LinkPart, ...] = (links,) * count if isinstance(links, LinksPart) else links
+def _bend_links(parts: BodyPart, body: Body, forces: list[tuple[float, ...]], ahead: list[float]) -> list[Bend]:
     bends = []
-    for i, (link, spring) in enumerate(zip(each, body.link_springs.tolist(), strict=True)):
+    for i, spring in enumerate(body.link_springs.tolist()):
+        alike = isinstance(parts.links, LinksPart)
+        link: Any = parts.links if alike else parts.links[i]  # type: ignore[index]
         if link.is_bent:
             where = "body.links" if alike else f"body.links.{i}"
             stiffness = 0.0 if link.stiffness is None else float(body.stiffness[spring])
             curve = line(stiffness) if link.curve is None else _curve(link.curve)
             actuator = _actuator(curve, link.tension)
             passive = _passive(link.passive, where, _touching(parts, body, spring))
-            bends.append(_checked(Bend(spring, actuator, passive, _sliders(link, 1.0, forces[i])), where))
+            sliders = _sliders(link, 1.0, forces[i])
+            bends.append(_checked(Bend(spring, actuator, passive, sliders, link.backlash, ahead[i]), where))
     return bends
 
 
@@ -144,6 +166,11 @@ def _checked(bend: Bend, where: str) -> Bend:
         raise SceneError(
             f"{where}.hysteresis: where the spring in parallel is slack or at a limit of `tension`, nothing but "
             "the elements would hold, which is not supported; give it a `passive` spring, too"
+        )
+    if bend.backlash and np.isfinite(bend.limits).any():
+        raise SceneError(
+            f"{where}.backlash: with limits of `tension` it is not supported, as recorded states do not tell whether "
+            "an actuator within its slack is at a limit; leave one of them out"
         )
     return bend
 

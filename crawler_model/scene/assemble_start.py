@@ -40,7 +40,7 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     if parts.start is None:
         return np.zeros(body.position.shape)
     if parts.start == "relaxed":
-        return body.relaxed(drive.actuation[..., 0, :])
+        return body.relaxed(body.start_lengths(drive.actuation[..., 0, :]))
     given = parts.start.displacement
     if body.dimension == 2:
         rows = given if isinstance(given, tuple) else (given,) * body.contacts
@@ -148,7 +148,7 @@ def check_start(assembly: Assembly) -> None:
     if any(bend.limits[0] > 0.0 or bend.limits[1] < 0.0 for bend in body.bends):
         proposal = "where limits of `tension` leave 0 N out, actuators pull at any start: widen them, or raise friction"
     elif not body.segments:
-        relaxed = x[0] + body.relaxed(drive.actuation[0])
+        relaxed = x[0] + body.relaxed(body.start_lengths(drive.actuation[0]))
         text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
         proposal = f"a start without tension is [{text}], or {proposal}"
     raise SceneError(
@@ -187,7 +187,8 @@ def starts_beyond(assembly: Assembly) -> np.ndarray:
 def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compute the spring forces at the start, their distances from the bounds, and these less rounding, (..., N)."""
     body, track, x = assembly.body, assembly.ground.track, assembly.start_displacement
-    tension = add_start(body.bends, body.tension(body.elongation(x), assembly.drive.actuation[..., 0, :]))
+    lengths = body.start_lengths(assembly.drive.actuation[..., 0, :])
+    tension = add_start(body.bends, body.tension(body.elongation(x), lengths))
     force = body.spring_force(tension)
     forward, backward, _ = _bounds_at_start(assembly)
     margins = bound_distances(force, forward, backward)
@@ -195,7 +196,7 @@ def _forces_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
         ahead, behind = track.walls.find_rooms(body.position, x) == 0.0
         margins = np.minimum(np.where(ahead, np.inf, forward - force), np.where(behind, np.inf, force + backward))
     ends = np.abs(x)[..., body.ends]
-    terms = body.stiffness * (ends.sum(axis=-1) + np.abs(assembly.drive.actuation[..., 0, :]))  # terms of T
+    terms = body.stiffness * (ends.sum(axis=-1) + np.abs(lengths))  # terms of T
     return force, margins, margins + _ROUNDING * (body.force_size(terms) + forward + backward)
 
 

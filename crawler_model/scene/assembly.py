@@ -64,13 +64,18 @@ class Assembly:
         return not self.inexact
 
     @property
+    def can_be_differenced(self) -> bool:
+        """Whether differences of runs are derivatives, as of bodies on a line with hysteresis or backlash."""
+        return self.dimension == 1 and self.ground.track is None and self.body.memory != ""
+
+    @property
     def inexact(self) -> str:
         """Why paths have no exact derivatives, as a predicate; empty if they have."""
         if self.dimension == 2:
             return "is in the plane"
         if self.ground.track is not None:
             return f"has {self.ground.track.key}"
-        return "has springs with hysteresis" if any(bend.sliders for bend in self.body.bends) else ""
+        return f"has {self.body.memory}" if self.body.memory else ""
 
     @property
     def angles(self) -> np.ndarray:

@@ -139,17 +139,27 @@ PassiveKey = Annotated[
     PassivePart | None,
     key("Passive spring or stops parallel to the actuator, over the elongation z. Default: none."),
 ]
+BacklashKey = Annotated[
+    Number,
+    key(
+        "Slack between the command and the actuator, in all; of segments a strain. Behind a reversal the command "
+        "crosses it before the actuator moves.",
+        "m, 1",
+        default=0.0,
+        minimum=0,
+    ),
+]
 
 
 class Bendable(Part):
-    """Base of links and segments, which have `stiffness`, `curve`, `tension`, `passive` and `hysteresis`."""
+    """Base of links and segments, which have a stiffness and all else that a spring and its actuator may have."""
 
     @property
     def is_bent(self) -> bool:
-        """Whether the tension is anything but a stiffness times z - L."""
+        """Whether the tension is anything but a stiffness times z - L, or the actuator has backlash."""
         part: Any = self
         given = (part.curve, part.tension, part.passive)
-        return bool(part.hysteresis) or any(value is not None for value in given)
+        return bool(part.hysteresis or part.backlash) or any(value is not None for value in given)
 
     @model_validator(mode="after")
     def _has_one_tension(self) -> Bendable:
@@ -165,6 +175,10 @@ class Bendable(Part):
             raise ValueError(f"tension: {part.tension:g} N; it must be >= 0, for -F to F")
         if len(part.hysteresis) > _MOST_ELEMENTS:
             raise ValueError(f"hysteresis: {len(part.hysteresis)} elements; at most {_MOST_ELEMENTS}")
+        if not part.backlash >= 0.0:
+            raise ValueError(f"backlash: {part.backlash:g}; it must be >= 0")
+        if part.backlash and part.stiffness is None and part.curve is None:
+            raise ValueError("backlash: it is the slack of an actuator; give its `stiffness` or `curve`, too")
         return self
 
 
@@ -176,6 +190,7 @@ class LinksPart(Bendable):
     tension: TensionKey = None
     passive: PassiveKey = None
     hysteresis: HysteresisKey = ()
+    backlash: BacklashKey = 0.0
     between: tuple[tuple[int | str, int | str], ...] | None = optional(
         "The pair of ends that each link joins: contacts by number, ends of segments as `name.from`, `name.to`. "
         "Default: the chain of neighbours."
@@ -190,6 +205,7 @@ class LinkPart(Bendable):
     tension: TensionKey = None
     passive: PassiveKey = None
     hysteresis: HysteresisKey = ()
+    backlash: BacklashKey = 0.0
     between: tuple[int | str, int | str] | None = optional(
         "The two ends that it joins, as in `between` of a mapping; given for all links or for none. Default: the chain "
         "of neighbours."
@@ -228,6 +244,7 @@ class SegmentPart(Bendable):
     tension: TensionKey = None
     passive: PassiveKey = None
     hysteresis: HysteresisKey = ()
+    backlash: BacklashKey = 0.0
     friction: Annotated[SegmentFrictionPart, BeforeValidator(explain_friction)] = key("Friction per length of ground.")
     accuracy: Number | None = optional(
         "Largest error of the net translation per period, relative to the largest commanded change of length; it "

@@ -101,6 +101,11 @@ class StartPart(Part):
         "element, at most its `yield` either way. Default: none.",
         "N",
     )
+    backlash: tuple[Number, ...] | None = optional(
+        "How far the actuators are ahead of their commands: a length for each link, then a strain for each segment, at "
+        "most half of its `backlash` either way. Default: 0, in the middle of the slack.",
+        "m, 1",
+    )
 
 
 class WavePart(Part):

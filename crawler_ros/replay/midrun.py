@@ -34,10 +34,10 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
         BagError: naming what is missing.
     """
     body = crawler.body
-    if crawler.hysteresis.size:
+    if body.memory:
         raise bag.BagError(
-            f"{survey.path}: the recording begins in mid-run, and what the springs with hysteresis of scene "
-            f"{crawler.scene.name} remember there is not recorded; record from the start, or from a reset"
+            f"{survey.path}: the recording begins in mid-run, and what the {body.memory} of scene {crawler.scene.name} "
+            "remember there is not recorded; record from the start, or from a reset"
         )
     whole = np.unique(shown_contacts(crawler.scene.body)).size == body.contacts
     source = "contact_states" if whole and robot.recorded("contact_states") in survey.topics else "joint_states"

@@ -47,6 +47,7 @@ class RampRows:
         self.ends_tick: list[bool] = []
         self._commands: list[np.ndarray] = []
         self._targets: list[np.ndarray] = []
+        self._lengths: list[np.ndarray] = []
         self._x: list[np.ndarray] = []
         self._shape: list[np.ndarray] = []
         self._tension: list[np.ndarray] = []
@@ -92,6 +93,7 @@ class RampRows:
         self.ends_tick.append(ends_tick)
         self._commands.append(row)
         self._targets.append(target)
+        self._lengths.append(crawler.actuation)
         self._x.append(crawler.displacement.copy())
         self._shape.append(crawler.shape.copy())
         self._tension.append(crawler.tension.copy())
@@ -168,7 +170,7 @@ class RampRows:
             dissipation=account[:, DISSIPATION] + account[:, LOADS_WORK],
             jump_loss=np.array(self._losses),
             internal_dissipation=account[:, INTERNAL],
-            stored=body.energy(tension, x, target[:, : body.lengths]) + np.array(self._remembered),
+            stored=body.energy(tension, x, np.array(self._lengths)) + np.array(self._remembered),
             margin=margins.min(axis=1),
             nearest=margins.argmin(axis=1),
             visited=account[:, VISITED],

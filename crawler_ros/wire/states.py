@@ -70,8 +70,9 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         scene: the body and the columns of its commands.
         joints: positions, velocities and efforts of joint_states, shape (3, W).
         row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest, nor the lengths
-            of springs that are slack or stall and the strains of segments of several stiffnesses. Of a strain that
-            varies along a segment, states show only the mean.
+            of springs that are slack, stall or have hysteresis and the strains of segments of several stiffnesses. Of a
+            strain that varies along a segment, states show only the mean, and of the command of an actuator with
+            backlash an interval.
 
     Returns:
         The row, with the rest lengths that differ from it by more than rounding, shape (C,).
@@ -94,7 +95,7 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
 
 
 def _find_lengths(body: Body, z: np.ndarray, tension: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """Find the rest lengths of links and joints, with a choice where curves are flat."""
+    """Find the commanded lengths of links and joints, with a choice where forces do not determine them."""
     stiffness = body.stiffness[body.link_springs] if body.segments else body.stiffnesses
     found = z - tension / np.repeat(stiffness, z.size // max(stiffness.size, 1))
     springs = body.link_springs.tolist()
@@ -104,7 +105,8 @@ def _find_lengths(body: Body, z: np.ndarray, tension: np.ndarray, taken: np.ndar
             alone = float(tension[i] - bend.passive(z[i]))
             ends = [at for side in (-1, 1) for at in bend.actuator.reach(alone + side * _NEAR * max(abs(alone), 1.0))]
             known = len(ends) == 2 and ends[1] - ends[0] <= 1e-6 * abs(ends[0]) + _ROUNDING  # else it is flat there
-            found[i] = z[i] - 0.5 * (ends[0] + ends[1]) if known else taken[i]
+            length, slack = z[i] - 0.5 * (ends[0] + ends[1]) if known else taken[i], 0.5 * bend.backlash
+            found[i] = taken[i] if bend.sliders else np.clip(taken[i], length - slack, length + slack)
     return found
 
 

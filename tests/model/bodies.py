@@ -21,6 +21,8 @@ BENT = tuple(f"bent {kind}" for kind in ON_A_LINE)
 """With springs of every kind, and loads."""
 HYSTERETIC = (f"hysteretic {CHAIN}",)
 """With springs that remember."""
+LOOSE = tuple(f"loose {kind}" for kind in (CHAIN, HYBRID))
+"""With backlash."""
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
 TOLERANCE = 1e-6
@@ -62,14 +64,18 @@ class Driven:
         contacts."""
         rng, body = np.random.default_rng(seed), self.data["body"]
         links, count = body["links"], len(body["contacts"])
+        each = links if isinstance(links, list) else links["between"]
         order = rng.permutation(count) if self.scene.body.dimension == 2 else np.arange(count)
-        ways, new = rng.permutation(len(links["between"])), np.argsort(order)
+        ways, new = rng.permutation(len(each)), np.argsort(order)
 
         def sort(row: Any, by: np.ndarray) -> np.ndarray:
             return np.concatenate((np.asarray(row)[by], np.asarray(row)[by.size :]))
 
-        between = [[int(new[end]) if isinstance(end, int) else end for end in links["between"][k]] for k in ways]
-        links = links | {"stiffness": sort(links["stiffness"], ways).tolist(), "between": between}
+        if isinstance(links, list):  # on a line, where contacts keep their numbers
+            links = [links[k] for k in ways]
+        else:
+            between = [[int(new[end]) if isinstance(end, int) else end for end in each[k]] for k in ways]
+            links = links | {"stiffness": sort(links["stiffness"], ways).tolist(), "between": between}
         drive = self.data["drive"] | {
             "actuation": [sort(row, ways).tolist() for row in self.data["drive"]["actuation"]]
         }
@@ -127,13 +133,16 @@ class Drawn:
         if self.kind in IN_THE_PLANE:
             return _in_the_plane(self, rng, length, force, mirrored)
         ground = self.kind.removesuffix(" between walls")
-        bare = ground.removesuffix(" on patches").removeprefix("bent ").removeprefix("hysteretic ")
+        bare = ground.removesuffix(" on patches").removeprefix("bent ")
+        bare = bare.removeprefix("hysteretic ").removeprefix("loose ")
         plain = dataclasses.replace(self, kind=bare)
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
             driven = _with_bent_springs(self, driven, length, force, mirrored)
         if self.kind in HYSTERETIC:
             driven = _with_hysteresis(self, driven, length, force)
+        if self.kind in LOOSE:
+            driven = _with_backlash(self, driven, length)
         if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
         if self.kind in BETWEEN_WALLS:
@@ -270,6 +279,20 @@ def _with_hysteresis(drawn: Drawn, driven: Driven, length: float, force: float) 
     if "links" in body:
         links = zip(body["links"]["between"], body["links"]["stiffness"], strict=True)
         body["links"] = [{"between": pair} | draw(stiffness) for pair, stiffness in links]
+    return Driven(driven.data | {"body": body}, driven.rows)
+
+
+def _with_backlash(drawn: Drawn, driven: Driven, length: float) -> Driven:
+    """Put backlash between the commands and most of its actuators."""
+    rng = np.random.default_rng([drawn.seed, 4])
+    body = driven.data["body"]
+
+    def draw(length: float) -> float:
+        return length * (float(rng.integers(0, 5)) / 4.0 if drawn.ties else max(float(rng.uniform(-0.2, 1.0)), 0.0))
+
+    body = body | {"segments": [part | {"backlash": draw(0.5)} for part in body["segments"]]}
+    links = zip(body["links"]["between"], body["links"]["stiffness"], strict=True)
+    body["links"] = [{"between": pair, "stiffness": k, "backlash": draw(length)} for pair, k in links]
     return Driven(driven.data | {"body": body}, driven.rows)
 
 

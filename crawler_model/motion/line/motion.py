@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ...body.body import Body
 from ...body.ground import Track
+from ...body.play import Play
 from ...compiled import compiled
 from ...errors import CommandError
 from ..jump import Jump
 from ..margin import visited_margin
-from ..pieces import CHANGE, NO_PIECES
+from ..pieces import CHANGE, NO_PIECES, locate_parts
 from ..state import WORK, dissipated
 from . import build
 from .follow import follow
@@ -34,6 +35,8 @@ class LineState:
         loaded: whether the body has loads.
         feet: FOOT, shape (N,); None without patches of ground.
         sliders: SLIDER, shape (H,); None without springs with hysteresis.
+        led: the commanded lengths of actuators with backlash, as in `Play`, shape (B,) [m]; None without any.
+        play: the play of these; None likewise.
     """
 
     contacts: np.ndarray
@@ -41,9 +44,11 @@ class LineState:
     loaded: bool = False
     feet: np.ndarray | None = None
     sliders: np.ndarray | None = None
+    led: np.ndarray | None = None
+    play: Play | None = None
 
     @property
-    def _commanded(self) -> np.ndarray:
+    def _held(self) -> np.ndarray:
         """What holds the bounds and loads that are commanded, before the ground changes them."""
         return self.contacts if self.feet is None else self.feet
 
@@ -82,20 +87,28 @@ class LineState:
         return self.springs["length"].copy()
 
     @property
+    def commanded(self) -> np.ndarray:
+        """Those commanded, from which L differs within the backlash of actuators, shape (S,) [m]."""
+        lengths = self.actuation
+        if self.play is not None:
+            lengths[self.play.springs] = self.led
+        return lengths
+
+    @property
     def friction(self) -> np.ndarray:
         """Friction in force, forward then backward, shape (2 N,) [N]."""
-        c = self._commanded
+        c = self._held
         return np.concatenate((c["forward"] + c["load"], c["backward"] - c["load"]))
 
     @property
     def bounds(self) -> np.ndarray:
         """Bounds of the spring forces as in a target: friction shifted by the loads, shape (2 N,) [N]."""
-        return np.concatenate((self._commanded["forward"], self._commanded["backward"]))
+        return np.concatenate((self._held["forward"], self._held["backward"]))
 
     @property
     def loads(self) -> np.ndarray:
         """Loads in force, the slope's share included, shape (N,) [N]; shape (0,) without loads."""
-        return self._commanded["load"].copy() if self.loaded else np.empty(0)
+        return self._held["load"].copy() if self.loaded else np.empty(0)
 
     @property
     def contact_state(self) -> np.ndarray:
@@ -127,7 +140,8 @@ class LineState:
         """Copy the state, see `State`."""
         feet = None if self.feet is None else self.feet.copy()
         sliders = None if self.sliders is None else self.sliders.copy()
-        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet, sliders)
+        led = None if self.led is None else self.led.copy()
+        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet, sliders, led, self.play)
 
     def restore(self, kept: LineState) -> None:
         """Return to former numbers.
@@ -140,6 +154,8 @@ class LineState:
             self.feet[:] = kept.feet
         if self.sliders is not None:
             self.sliders[:] = kept.sliders
+        if self.led is not None:
+            self.led[:] = kept.led
 
     def bits(self) -> bytes:
         """Return all numbers that last from ramp to ramp as bytes, see `State`."""
@@ -148,6 +164,8 @@ class LineState:
             parts += [self.feet[name] for name in FOOT_STATE]
         if self.sliders is not None:
             parts += [self.sliders[name] for name in SLIDER_STATE]
+        if self.led is not None:
+            parts.append(self.led)
         return b"".join(part.tobytes() for part in parts)
 
 
@@ -175,7 +193,8 @@ class LineMotion:
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
         """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
-        springs = build.build_springs(self.body, x, target[..., : self.body.springs])
+        commanded, play = target[..., : self.body.springs], self.body.play
+        springs = build.build_springs(self.body, x, self.body.start_lengths(commanded))
         bounds = target[..., self.body.springs :]
         loaded, feet = bounds.shape[-1] > 2 * self.body.contacts, None
         if self.track is not None:
@@ -186,7 +205,8 @@ class LineMotion:
         if feet is not None:
             contacts["at"] &= ~feet["walled"]
         sliders = build.build_sliders(self.body, springs["elongation"])
-        return LineState(contacts, springs, loaded, feet, sliders)
+        led = None if play is None else commanded[..., play.springs].copy()
+        return LineState(contacts, springs, loaded, feet, sliders, led, play)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
@@ -221,6 +241,52 @@ class LineMotion:
         pieces: np.ndarray = NO_PIECES,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, see `Motion`."""
+        if state.play is not None and targets.shape[0]:
+            return self._follow_led(state, scratch, targets, exact, budget, account, records, pieces)
+        return self._follow(state, scratch, targets, exact, budget, account, records, pieces)
+
+    def _follow_led(
+        self,
+        state: LineState,
+        scratch: Scratch,
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        pieces: np.ndarray,
+    ) -> tuple[Jump, ...]:
+        """Follow ramps whose commands actuators follow within their backlash: in parts, between which these begin."""
+        play, at = state.play, state.actuation
+        assert play is not None
+        before = np.concatenate((state.commanded, state.bounds, state.loads))
+        rows, ramp, end = play.divide(at[play.springs], before, targets)
+        noted = np.empty((rows.shape[0] if records.shape[0] else 0, records.shape[1]))
+        jumps = self._follow(state, scratch, rows, exact, budget, account, noted, pieces)
+        state.led = targets[-1, play.springs].copy()
+        last = np.append(np.flatnonzero(np.diff(ramp)), ramp.size - 1)
+        if records.shape[0]:
+            records[:] = noted[last]
+        begin = np.append(0.0, end[:-1]) * np.append(False, np.diff(ramp) == 0)
+        locate_parts(pieces, ramp, begin, end)
+        return tuple(
+            replace(jump, ramp=int(ramp[k]), part=float(begin[k] + jump.part * (end[k] - begin[k])))
+            for jump in jumps
+            for k in (jump.ramp,)
+        )
+
+    def _follow(
+        self,
+        state: LineState,
+        scratch: Scratch,
+        targets: np.ndarray,
+        exact: bool,
+        budget: int,
+        account: np.ndarray,
+        records: np.ndarray,
+        pieces: np.ndarray,
+    ) -> tuple[Jump, ...]:
+        """Follow straight ramps to each of the targets in turn, at which actuators have the lengths given there."""
         ramps, parts = scratch[0], self.memory_for(state, scratch)
         ramps["budget"], ramps["exact"] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again

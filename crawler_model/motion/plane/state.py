@@ -78,6 +78,11 @@ class PlanarState:
         return self._by_spring(self.command[: self.frame.rest.size])
 
     @property
+    def commanded(self) -> np.ndarray:
+        """The same, as there is no backlash in the plane."""
+        return self.actuation
+
+    @property
     def friction(self) -> np.ndarray:
         """Friction in force as in a target, point by point, shape (N,) for discs, else (4 N,) or (m N,) [N]."""
         given = self.command[self.frame.rest.size : self._last]

@@ -82,7 +82,7 @@ WRONG = [
     (
         "body/links",
         3,
-        "body.links: 3; it must be a mapping with stiffness, curve, tension, passive, hysteresis, between",
+        "body.links: 3; it must be a mapping with stiffness, curve, tension, passive, hysteresis, backlash, between",
     ),
     ("body/links/between", [], "body.links.between: no links lead from contact 0 to contact 1"),
     ("body/links/stiffness", 10**400, "too large; at most 1e+100"),
@@ -347,6 +347,9 @@ BOUNDED = {
     ("BodyPart", "masses"): (LINE, "body/masses"),
     ("HysteresisPart", "stiffness"): (SILICONE, "body/links/0/hysteresis/0/stiffness"),
     ("HysteresisPart", "yield"): (SILICONE, "body/links/0/hysteresis/0/yield"),
+    ("LinksPart", "backlash"): (LINE, "body/links/backlash"),
+    ("LinkPart", "backlash"): (SILICONE, "body/links/0/backlash"),
+    ("SegmentPart", "backlash"): (SEGMENT, "body/segments/0/backlash"),
     ("CoefficientPart", "forward"): (COEFFICIENTS, "friction/coefficient/forward"),
     ("CoefficientPart", "backward"): (COEFFICIENTS, "friction/coefficient/backward"),
     ("CoefficientPart", "isotropic"): (COEFFICIENTS, "friction/coefficient=isotropic"),

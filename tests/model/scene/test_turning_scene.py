@@ -230,7 +230,10 @@ WRONG = [
     ([("body/links/between", [["a.to", 1]])], "body.links.between: link 0 joins 'a.to'; with `springs: length` points"),
     ([("body/links/stiffness", [1, 0, 1])], "body.links.stiffness: link 1 has 0 N/m; it must be > 0"),
     ([("body/links/stiffness", math.nan)], "body.links.stiffness: nan is not finite"),
-    ([("body/links/tension", 3.0)], "`curve`, `tension`, `passive` and `hysteresis` are for bodies on a line"),
+    (
+        [("body/links/tension", 3.0)],
+        "`curve`, `tension`, `passive`, `hysteresis` and `backlash` are for bodies on a line",
+    ),
     ([("body/joints/stiffness", [1, 0])], "body.joints.stiffness: joint 1 has 0 N m/rad; it must be > 0"),
     ([("body/joints/stiffness", [1, 1, 1])], "body.joints.stiffness: 3 value(s) for 2 joint(s); give one number or 2"),
     ([("body/joints/stifness", 1)], "body.joints.stifness: unknown key; the nearest known key is 'stiffness'"),
