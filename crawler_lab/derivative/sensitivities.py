@@ -1,4 +1,4 @@
-"""Exact derivatives of displacement, gain and work with respect to the numbers of a scene."""
+"""Derivatives of displacement, gain and work with respect to the numbers of a scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from crawler_model.scene.assembly import Assembly
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
-from ..sweep.keys import check_form, with_loads
+from ..sweep.keys import check_form, expand_keys, with_loads
+from .differences import differentiate_by_runs
 from .grids import RESOLVED, SIDES, average_grids, compare_sides, other_grids, tilt
 from .parameters import Derivatives, differentiate_arrays
 from .path import Stretch, TangentPath, Vertices, build_vertices
@@ -73,9 +74,11 @@ class Sensitivities:
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, or none as a relaxed start jumps there, bool, shape (P,).
         kinks: where they are.
-        tolerance: on a line 0, as derivatives are exact but for rounding; of segments a bound of the error of those of
-            the net translation that are not in `unresolved`, and in the plane of those of the displacement that are
-            not one-sided, relative to the largest one with respect to the same parameter; NaN where there are none [1].
+        tolerance: on a line 0, as derivatives are exact but for rounding; of bodies with hysteresis or backlash by how
+            much differences to both sides differ, where they are not one-sided; of segments a bound of the error of
+            those of the net translation that are not in `unresolved`, and in the plane of those of the displacement
+            that are not one-sided, relative to the largest one with respect to the same parameter; NaN where there are
+            none [1].
         unresolved: parameters with respect to which the derivatives of the net translation of a body with segments, the
             means of several grids, may be off by more than a twentieth; bool, shape (P,).
     """
@@ -130,7 +133,8 @@ def sensitivities(
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative is that of the
     path with the events in the order in which they are met. In the plane, where paths are curved, the derivatives are
     those of a path that is followed to 1e-8, by the matrices of its implicit steps; `tolerance` is by how much they
-    differ from those of a path that is followed to 1e-7.
+    differ from those of a path that is followed to 1e-7. Those of bodies with hysteresis or backlash are central
+    differences of runs; `tolerance` is by how much the differences to both sides differ.
 
     A waypoint's derivatives are those at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
@@ -146,25 +150,29 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or has patches of ground.
+        SceneError: if a key is unknown or names no number of the scene, if it has no drive, has patches of ground, or
+            segments with hysteresis or backlash.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
     check_differentiable(scene, "sensitivities")
     scene = with_loads(scene, keys)
-    derivatives = differentiate_arrays(scene, keys, "sensitivities")
-    check_form(scene, derivatives.names, "sensitivities")
+    names = expand_keys(scene, keys, "sensitivities")
+    check_form(scene, names, "sensitivities")
     seconds = default_duration(scene.drive) if duration is None else check_duration(duration)
     ratio = rational_rate(rate)
     times = seconds * float(ratio) + 1.0
-    numbers = times * scene.body.contacts * len(derivatives.names)
+    numbers = times * scene.body.contacts * len(names)
     if numbers > _MOST_NUMBERS:
         raise CommandError(
             f"sensitivities: {numbers:.1e} derivatives ({times:.0f} times, {scene.body.contacts} contacts, "
-            f"{len(derivatives.names)} parameters); at most {_MOST_NUMBERS:.0e}: choose a lower rate or fewer keys"
+            f"{len(names)} parameters); at most {_MOST_NUMBERS:.0e}: choose a lower rate or fewer keys"
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
+    if scene.body.memory:
+        return _differentiate_by_runs(scene, keys, tick_ns)
+    derivatives = differentiate_arrays(scene, keys, "sensitivities")
     if scene.dimension == 1:
         travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
         found = _differentiate_on_line(scene, derivatives, tick_ns, travel)
@@ -175,6 +183,28 @@ def sensitivities(
     error = np.abs(fine.displacement - coarse.displacement).max(axis=(0, 1, 2))
     relative = (error / np.maximum(size, _find_smallest(scene, derivatives)))[~fine.one_sided]
     return dataclasses.replace(fine, tolerance=float(relative.max()) if relative.size else math.nan)
+
+
+def _differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray) -> Sensitivities:
+    """Differentiate a run of a body that remembers its path."""
+    found = differentiate_by_runs(scene, keys, tick_ns)
+    return Sensitivities(
+        parameters=found.names,
+        values=frozen(found.values),
+        time=frozen(np.concatenate(([0], tick_ns)) / NS),
+        displacement=frozen(found.displacement),
+        net_translation=frozen(np.einsum("n,tnp->tp", scene.body.share, found.displacement)),
+        yaw=frozen(np.zeros((tick_ns.size + 1, found.values.size))),
+        per_period=frozen(found.per_period),
+        work=frozen(found.work),
+        period_work=frozen(found.period_work),
+        one_sided=frozen(found.one_sided, np.bool_),
+        kinks=group_kinks(scene.body, *zip(*((ns / NS, i) for ns, i in found.kinks), strict=True))
+        if found.kinks
+        else (),
+        tolerance=found.error,
+        unresolved=frozen(np.zeros(found.values.size), np.bool_),
+    )
 
 
 def _average_over_grids(
@@ -282,13 +312,18 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, or patches of ground or walls.
+        SceneError: if it has no drive, or patches of ground or walls, or segments and a memory.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
     if scene.ground.track is not None:
         what = "across jumps" if scene.ground.track.borders.size else "of paths that end at walls"
         raise SceneError(f"{caller}: {scene.name} has {scene.ground.track.key}; derivatives {what} are not implemented")
+    if scene.body.memory and scene.body.segments:
+        raise SceneError(
+            f"{caller}: {scene.name} has {scene.body.memory} and segments, of which differences of runs on one grid "
+            "are no derivatives: `crawler sweep` varies their numbers"
+        )
 
 
 def _at_fixed_times(

@@ -32,6 +32,7 @@ from .judge.verdicts import Parameter
 from .measurements import Measurements, channel_names, observation
 from .replica.playback import playback, replay_scene
 from .replica.replica import Replica
+from .replica.sampled import SampledReplica
 from .sensor.sensor import Sensor, build_drift
 
 _PRIOR = math.log(3.0) ** 2
@@ -143,7 +144,7 @@ def excite(
     for name, number in numbers.items():
         if not (math.isfinite(number) and number > 0.0):
             raise CrawlerError(f"excite: {name}: {number:g}; it must be > 0")
-    if not scene.has_exact_derivatives:
+    if not (scene.has_exact_derivatives or scene.can_be_differenced):
         raise CrawlerError(
             f"excite: {scene.name} {scene.inexact}, where paths have no exact derivatives; record any drive in which "
             "all contacts slide, and identify fits it"
@@ -202,10 +203,16 @@ class _Search:
         base = replay_scene(scene, first)
         names = expand_keys(base, keys, "excite")
         self.seeks_start = any(key.startswith("start") for key in keys)
-        self.replica = Replica(scene, first, names, "excite")
+        self.names = names
+        self.replica = self._build_replica(first)
         self.space = build_space(names, self.replica.start_values, None)
         near = [self._near() for _ in range(_SCENES - 1)]
         self.guesses = [self.space.origin, *(values for values in near if self._information(values) is not None)]
+
+    def _build_replica(self, recording: Measurements) -> Replica:
+        if self.scene.has_exact_derivatives:
+            return Replica(self.scene, recording, self.names, "excite")
+        return SampledReplica(self.scene, recording, self.names, "excite")
 
     def grow(self, most: int, interval: float, progress: Callable[[float], None] | None) -> None:
         """Append waypoints up to `most`, until the half widths of all intervals are below `interval` [1]."""
@@ -264,7 +271,10 @@ class _Search:
 
     def _cost(self, rows: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the mean variance of the parameters over the guesses, and their covariance for the scene's values."""
-        self.replica.measured = self._recording(rows)
+        if self.scene.has_exact_derivatives:
+            self.replica.measured = self._recording(rows)
+        else:  # its scene plays the commands
+            self.replica = self._build_replica(self._recording(rows))
         total = 0.0
         first: np.ndarray = _PRIOR * np.eye(self.space.origin.size)
         for i, values in enumerate(self.guesses):

@@ -162,16 +162,6 @@ REFUSED = [
     ),
     (lambda: optimise(pair(**DRIVE), slower_than=0.1), SceneError, "slower_than: pair has no masses; give body.masses"),
     (
-        lambda: sensitivities(
-            Scene.model_validate(
-                linked({"stiffness": 1, "hysteresis": [{"stiffness": 1, "yield": 1}]}).document() | DRIVE
-            ),
-            ["friction.isotropic"],
-        ),
-        SceneError,
-        "sensitivities: pair has springs with hysteresis; derivatives of what they remember are not implemented",
-    ),
-    (
         lambda: optimise(pair(**DRIVE), robust={"body.links.stifness": (0.9, 1.1)}),
         SceneError,
         "robust: body.links.stifness",

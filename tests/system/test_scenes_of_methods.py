@@ -88,6 +88,14 @@ def stated(page: str, method: str) -> set[str]:
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_bodies_with_hysteresis_and_backlash_are_bodies_on_a_line(method: str) -> None:
+    document = load_scene("rubber_worm").document()
+    body = document["body"]
+    loose = body | {"links": body["links"] | {"backlash": 0.01}, "weights": 1.0}
+    METHODS[method][1](Scene.model_validate(document | {"body": loose}))
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_the_page_of_a_method_states_its_scenes(method: str) -> None:
     page, run = METHODS[method]
     for kind, name in KINDS.items():

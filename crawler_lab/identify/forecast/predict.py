@@ -178,7 +178,7 @@ def predict(
 ) -> Forecast:
     """Predict what a drive does with an identified body.
 
-    The variance of a result r is g^T C g with its exact derivatives g = dr/dp and the covariance C of the parameters,
+    The variance of a result r is g^T C g with its derivatives g = dr/dp and the covariance C of the parameters,
     and its band follows Student's t with the degrees of freedom from which the noise was estimated. Where the
     motion depends on a parameter that is only bounded, the band covers all values that the bound allows.
 
@@ -201,7 +201,7 @@ def predict(
     scene = coerce_scene(scene, "predict")
     posterior, fitted = _apply(posterior, scene)
     played = _with_drive(fitted, drive, posterior.gain)
-    if not played.has_exact_derivatives:
+    if not (played.has_exact_derivatives or played.can_be_differenced):
         raise SceneError(
             f"predict: {played.name} {played.inexact}, where paths have no exact derivatives for bands; simulate the "
             "scene of identify --out under the other drive"

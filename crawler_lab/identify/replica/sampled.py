@@ -1,6 +1,6 @@
 """Recordings of scenes without exact derivatives: the model is run, and its derivatives are differences of runs.
 
-This holds in the plane, of bodies that turn, and on patches of ground.
+This holds in the plane, of bodies that turn, on patches of ground, and of bodies with hysteresis or backlash.
 """
 
 from __future__ import annotations
@@ -39,13 +39,16 @@ class SampledReplica(Replica):
 
     derivative_error = 1e-3
 
-    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str]) -> None:
+    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
         """Prepare the model.
+
+        Args:
+            caller: name of the function, for error messages.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
         """
-        self._prepare(scene, measured, keys, "identify")
+        self._prepare(scene, measured, keys, caller)
         self._base = playback(scene, measured)
         if scene.dimension == 2:
             tolerance = min(scene.tolerance or _TOLERANCE, _TOLERANCE)
