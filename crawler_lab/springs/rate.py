@@ -53,15 +53,15 @@ def judge_rate(target: Target, fit: Fit, time: np.ndarray, width: float, least: 
 
     z = target.path.elongation
     ends = find_reversals(z, 0.05 * float(np.ptp(z)))
-    runs = [slice(a, b + 1) for a, b in pairwise(ends)]
-    runs = [run for run in runs if abs(z[run][-1] - z[run][0]) > 0.05 * np.ptp(z)]
+    runs = [slice(a, b + 1) for a, b in pairwise(ends) if abs(z[b] - z[a]) > 0.05 * np.ptp(z)]
     if not runs:
         return None
-    speeds = np.array([_find_speed(z[run], time[run]) for run in runs])
-    ways = np.array([z[run][-1] > z[run][0] for run in runs])
+    rates = [np.diff(z[run]) / np.diff(time[run]) for run in runs]
+    signed = np.array([np.median(rate[rate != 0.0]) for rate in rates])
+    speeds = np.abs(signed)
     fast = speeds > np.sqrt(speeds.min() * speeds.max())
     found = (float(speeds.min()), float(speeds.max()))
-    both = all(np.unique(ways[group]).size == 2 for group in (fast, ~fast))
+    both = all(np.unique(np.sign(signed[group])).size == 2 for group in (fast, ~fast))
     if found[1] < _APART * found[0] or not both:
         return Rate(verdict="one speed only", speeds=found)
     rows = np.zeros(z.size, bool)
@@ -69,29 +69,21 @@ def judge_rate(target: Target, fit: Fit, time: np.ndarray, width: float, least: 
         rows[run] |= quick
     force, derivatives = compute_force(target.path, fit.shape, fit.x)
     spring = compute_spring(target.path, fit.shape, fit.x)[0] - fit.x[0]
-    apart = np.array([rows, rows * spring, rows * (force - spring - fit.x[0])])
-    if fit.shape.elements == 0:
-        apart = apart[:2]
+    apart = np.array([rows, rows * spring, rows * (force - spring - fit.x[0])])[: 3 if fit.shape.elements else 2]
     columns = target.whitening.apply(np.vstack((derivatives[fit.free], apart))).T
     left = target.whitening.apply((target.force - force)[None])[0]
-    sizes = np.linalg.lstsq(columns, left, rcond=None)[0]
-    before = left - columns[:, : -len(apart)] @ np.linalg.lstsq(columns[:, : -len(apart)], left, rcond=None)[0]
-    after = left - columns @ sizes
+    alone, sizes = (np.linalg.lstsq(part, left, rcond=None)[0] for part in (columns[:, : -len(apart)], columns))
+    before, after = (
+        float(np.sum((left - part @ size) ** 2))
+        for part, size in ((columns[:, : -len(apart)], alone), (columns, sizes))
+    )
     freedom = max(z.size - columns.shape[1], 1)
-    gain = (before @ before - after @ after) / len(apart) / max(after @ after / freedom, target.least)
+    gain = (before - after) / len(apart) / max(after / freedom, target.least)
     chance = float(fdtrc(len(apart), freedom, max(gain, 0.0)))
     difference = float(np.sqrt(np.mean((sizes[-len(apart) :] @ apart[:, rows]) ** 2)))
     depends = chance < _CHANCE and difference > max(_LEAST * width, least)
-    return Rate(
-        verdict="depends on the rate" if depends else "rate independent",
-        speeds=found,
-        difference=difference,
-        part=difference / width if width > 0.0 else None,
-        chance=chance,
+    verdict, part = (
+        "depends on the rate" if depends else "rate independent",
+        difference / width if width > 0.0 else None,
     )
-
-
-def _find_speed(z: np.ndarray, time: np.ndarray) -> float:
-    """Find the usual speed of a run while it moves [m/s]."""
-    moved = np.diff(z) != 0.0
-    return float(np.median(np.abs(np.diff(z)[moved] / np.diff(time)[moved])))
+    return Rate(verdict=verdict, speeds=found, difference=difference, part=part, chance=chance)

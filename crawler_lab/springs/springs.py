@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from crawler_model import CrawlerError
 from ..identify.fit.misfit import FITS
 from ..identify.sensor.noise import find_floor, find_quantile, guess_noise
 from .fit import Fit, Target, find_reach, fit_loop
-from .loop import build_path, compute_force, find_reversals
+from .loop import build_path, compute_force, compute_spring, find_reversals
 from .rate import Rate, judge_rate
 
 _FEWEST = 30
@@ -40,21 +39,6 @@ class Estimate:
     low: float | None
     high: float | None
 
-    @classmethod
-    def of(cls, value: float, low: float, high: float) -> Estimate:
-        """Build an estimate.
-
-        Args:
-            value: the number [N, N/m or m].
-            low: lower end of the interval; NaN if nothing determines it [N, N/m or m].
-            high: upper end of the interval; NaN if nothing determines it [N, N/m or m].
-
-        Returns:
-            The estimate.
-        """
-        low, high = float(low), float(high)
-        return cls(value=float(value), low=None if np.isnan(low) else low, high=None if np.isnan(high) else high)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Element:
@@ -80,6 +64,7 @@ class Springs:
         force_at_zero: of the spring at elongation 0, in N.
         stiffnesses: of the pieces of the spring, in N/m.
         knots: elongations between the pieces, in m.
+        curve: least elongation, knots and largest elongation [m], and the force of the spring there [N], shape (2, K).
         elements: the elements, in the order in which they yield.
         width: greatest difference between loading and unloading at the same elongation [N].
         widths: the same at a quarter and at three quarters of the elongations, shape (2,) [N].
@@ -97,6 +82,7 @@ class Springs:
     force_at_zero: Estimate
     stiffnesses: tuple[Estimate, ...]
     knots: tuple[Estimate, ...]
+    curve: np.ndarray
     elements: tuple[Element, ...]
     width: float
     widths: tuple[float, float]
@@ -120,16 +106,10 @@ class Springs:
         Returns:
             Lines of YAML.
         """
+        spring = f"stiffness: {self.stiffnesses[0].value:.5g}"
         if self.knots:
-            z = [self.elongation.min(), *(knot.value for knot in self.knots), self.elongation.max()]
-            slopes = [one.value for one in self.stiffnesses]
-            inner = [0.0, *np.cumsum(np.diff(z) * slopes)]
-            at_zero = float(np.interp(0.0, z, inner))
-            at_zero += min(0.0 - z[0], 0.0) * slopes[0] + max(0.0 - z[-1], 0.0) * slopes[-1]
-            tension = [self.force_at_zero.value + one - at_zero for one in inner]
-            spring = f"curve: {{elongation: [{_join(z)}], tension: [{_join(tension)}]}}"
-        else:
-            spring = f"stiffness: {self.stiffnesses[0].value:.5g}"
+            z, tension = (", ".join(f"{one:.5g}" for one in row) for row in self.curve)
+            spring = f"curve: {{elongation: [{z}], tension: [{tension}]}}"
         elements = ", ".join(
             f"{{stiffness: {one.stiffness.value:.5g}, yield: {one.limit.value:.5g}}}" for one in self.elements
         )
@@ -161,10 +141,6 @@ class Springs:
             "notes": list(self.notes),
             "scene_lines": self.scene_lines(),
         }
-
-
-def _join(numbers: Any) -> str:
-    return ", ".join(f"{one:.5g}" for one in numbers)
 
 
 def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.ndarray | None = None) -> Springs:
@@ -203,11 +179,13 @@ def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.n
     allowed = max(FITS * noise, _SMALL * width)
     rate = None if time is None else judge_rate(target, fit, time, width, residual if residual > allowed else 0.0)
     numbers, elements = _estimate(target, fit)
+    at = np.array([elongation.min(), *fit.x[2 + fit.shape.knots : fit.shape.first_element], elongation.max()])
     return Springs(
         name=name,
         force_at_zero=numbers[0],
         stiffnesses=tuple(numbers[1 : 2 + fit.shape.knots]),
         knots=tuple(numbers[2 + fit.shape.knots :]),
+        curve=np.array([at, compute_spring(build_path(at), fit.shape, fit.x)[0]]),
         elements=tuple(elements),
         width=width,
         widths=quarters,
@@ -227,13 +205,11 @@ def _find_widths(elongation: np.ndarray, force: np.ndarray) -> np.ndarray:
     span = float(np.ptp(elongation))
     part = np.minimum((elongation - elongation.min()) / span * _BINS, _BINS - 1).astype(int)
     ends = find_reversals(elongation, 0.05 * span)
-    sums, counts = np.zeros((2, _BINS)), np.zeros((2, _BINS))
-    for a, b in pairwise(ends):
-        side = int(elongation[b] > elongation[a])
-        np.add.at(sums[side], part[a : b + 1], force[a : b + 1])
-        np.add.at(counts[side], part[a : b + 1], 1.0)
-    means = sums / np.maximum(counts, 1.0)
-    return np.where((counts > 0.0).all(axis=0), means[1] - means[0], 0.0)
+    loads = np.repeat(np.diff(elongation[ends]) > 0.0, np.diff(ends, append=elongation.size)[:-1])
+    sides = [np.append(loads, np.full(elongation.size - loads.size, loads[-1])) == side for side in (False, True)]
+    counts = np.array([np.bincount(part[side], minlength=_BINS) for side in sides])
+    means = np.array([np.bincount(part[side], force[side], _BINS) for side in sides]) / np.maximum(counts, 1)
+    return np.where((counts > 0).all(axis=0), means[1] - means[0], 0.0)
 
 
 def _estimate(target: Target, fit: Fit) -> tuple[list[Estimate], list[Element]]:
@@ -251,24 +227,24 @@ def _estimate(target: Target, fit: Fit) -> tuple[list[Estimate], list[Element]]:
     stiff, soft = reach - spread < 1.001 * target.reach[0], reach + spread > 0.999 * target.reach[1]
     if soft.any():
         half[0] = np.nan  # its first force is then not known, and no offset differs from it
-    numbers = [Estimate.of(x[i], x[i] - half[i], x[i] + half[i]) for i in range(shape.first_element)]
+    numbers = [_between(x[i], x[i] - half[i], x[i] + half[i]) for i in range(shape.first_element)]
     elements = []
-    for j in range(shape.elements):
+    for j in np.argsort(reach).tolist():
         first = shape.first_element + 3 * j
-        limit, part = x[first], x[first + 2]
+        limit, stiffness = x[first], x[first] / reach[j]
         relative = np.array([1.0 / limit, -1.0 / reach[j]])  # of the logarithm of the stiffness f/r
-        wide = quantile * np.sqrt(relative @ covariance[first : first + 2, first : first + 2] @ relative)
-        stiffness, ratio = limit / reach[j], np.exp(half[first] / limit)
-        high = np.nan if stiff[j] else stiffness * np.exp(wide)
-        above = np.nan if soft[j] else limit * ratio
-        elements.append(
-            Element(
-                stiffness=Estimate.of(stiffness, stiffness * np.exp(-wide), high),
-                limit=Estimate.of(limit, limit / ratio, above),
-                start=float(limit * part),
-            )
-        )
-    return numbers, sorted(elements, key=lambda one: one.limit.value / one.stiffness.value)
+        wide = np.exp(quantile * np.sqrt(relative @ covariance[first : first + 2, first : first + 2] @ relative))
+        ratio = np.exp(half[first] / limit)
+        high, above = np.nan if stiff[j] else stiffness * wide, np.nan if soft[j] else limit * ratio
+        stiffnesses, limits = _between(stiffness, stiffness / wide, high), _between(limit, limit / ratio, above)
+        elements.append(Element(stiffness=stiffnesses, limit=limits, start=float(limit * x[first + 2])))
+    return numbers, elements
+
+
+def _between(value: float, low: float, high: float) -> Estimate:
+    """Build an estimate; ends that are NaN are not known."""
+    ends = [None if np.isnan(end) else float(end) for end in (low, high)]
+    return Estimate(value=float(value), low=ends[0], high=ends[1])
 
 
 def _find_notes(
