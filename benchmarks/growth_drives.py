@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import Scene
-from crawler_model.crawler.crawler import Method
+from crawler_model.crawler.method import Method
 from tests.scenes import wave_scene
 
 _TICKS = 64

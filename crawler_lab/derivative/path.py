@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model.body.body import Body
 from crawler_model.body.drive import NS, Drive
 from crawler_model.body.plan import Plan
-from crawler_model.crawler.crawler import default_budget
+from crawler_model.crawler.method import default_budget
 from crawler_model.errors import CommandError
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.line.build import build_curves

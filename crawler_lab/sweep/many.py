@@ -17,7 +17,8 @@ import numpy as np
 
 from crawler_model.body.curves import energy_of_sliders
 from crawler_model.body.drive import NS
-from crawler_model.crawler.crawler import METHODS, Crawler, Method
+from crawler_model.crawler.crawler import Crawler
+from crawler_model.crawler.method import METHODS, Method
 from crawler_model.errors import CommandError, CrawlerError, SceneError
 from crawler_model.run.simulate import default_duration
 from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends

@@ -18,48 +18,8 @@ from ..arrays import join
 from .curves import Bend
 from .limits import Limits, build_limits
 from .play import Play, build_play
+from .segment import Segment
 from .turning import Turning, find_forces, measure_shape, relax_shape, wrap
-
-
-@dataclass(frozen=True)
-class Segment:
-    """Position of a segment in the arrays of a body.
-
-    Attributes:
-        name: name in the scene.
-        first: index of its first contact.
-        elements: number of elements; its contacts are first .. first + elements.
-        first_spring: spring of its first element; the springs of the other elements follow.
-        length: length of the segment [m].
-        shown: number of contacts that are listed; None for all.
-    """
-
-    name: str
-    first: int
-    elements: int
-    first_spring: int
-    length: float
-    shown: int | None = None
-
-    @property
-    def element(self) -> float:
-        """Length of an element [m]."""
-        return self.length / self.elements
-
-    @property
-    def last(self) -> int:
-        """Index of the last contact."""
-        return self.first + self.elements
-
-    @property
-    def contacts(self) -> slice:
-        """Slice of its contacts."""
-        return slice(self.first, self.last + 1)
-
-    @property
-    def springs(self) -> slice:
-        """Slice of its springs."""
-        return slice(self.first_spring, self.first_spring + self.elements)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import frozen, spread
 from ..errors import SceneError
-from .body import Body, Segment
+from .body import Body
+from .segment import Segment
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +16,9 @@ from ..motion.follow import State, build_motion
 from ..motion.state import ACCOUNT_SIZE, VISITED
 from ..notebook import write_html, write_numbers
 from .command import write_command
+from .method import Method, choose_method, default_budget
 from .step import Step
 
-Method = Literal["exact", "catch_up"]
-METHODS: tuple[Method, ...] = ("exact", "catch_up")
 _SHOWN = {"net_translation": "m", "displacement": "m", "contact_state": "1", "tension": "N", "margins": "N"}
 """What a notebook shows of a crawler, with units."""
 
@@ -360,52 +359,6 @@ class Crawler:
         velocity = self._state.gained.copy()
         velocity.flags.writeable = account.flags.writeable = False
         return Step(velocity, account, self.body.share, jumps or ())
-
-
-def default_budget(body: Body) -> int:
-    """Compute the upper limit of work in one ramp unless another one is given, see `Crawler`.
-
-    Args:
-        body: the body.
-
-    Returns:
-        The limit.
-    """
-    return 200_000 * (body.contacts + 100) if body.dimension == 2 else 10_000 * (body.contacts + 1000)
-
-
-def choose_method(scene: Plan, method: str | None) -> Method:
-    """Check a method against a scene.
-
-    Args:
-        scene: the scene.
-        method: "exact", "catch_up", or None for the best one available.
-
-    Returns:
-        The method.
-
-    Raises:
-        CommandError: if the method is unknown or not available for this body.
-    """
-    offered = build_motion(scene).methods
-    if method is None:
-        return offered[0]  # type: ignore[return-value]
-    if method not in METHODS:
-        raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
-    if method not in offered and method == "catch_up":
-        patched = scene.ground.track is not None and scene.ground.track.borders.size
-        passed = (
-            "over the borders of ground.patches instead of meeting"
-            if patched
-            else "through ground.walls instead of stopping at"
-        )
-        raise CommandError(f"method: catch_up steps {passed} them; use exact")
-    if method not in offered:
-        raise CommandError(
-            "method: exact is for bodies on a line, where paths are straight from event to event; in the plane "
-            "they are curved: use catch_up, whose steps are refined to the scene's tolerance"
-        )
-    return method  # type: ignore[return-value]
 
 
 def prepare(scene: Plan) -> None:

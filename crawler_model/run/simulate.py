@@ -9,7 +9,8 @@ import numpy as np
 
 from ..body.drive import NS, Drive
 from ..body.plan import Plan, check_plan
-from ..crawler.crawler import Crawler, Method, choose_method
+from ..crawler.crawler import Crawler
+from ..crawler.method import Method, choose_method
 from ..crawler.step import Step
 from ..errors import CommandError
 from ..motion.state import SPENT

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..body.drive import NS
 from ..body.plan import Plan
-from ..crawler.crawler import Method
+from ..crawler.method import Method
 from ..notebook import write_html
 from .account import Energy, TickEnergies
 from .arrow import Tabular, load_library

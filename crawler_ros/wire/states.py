@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model.body.body import Body, Segment
+from crawler_model.body.body import Body
 from crawler_model.body.names import name_each, name_every_contact, name_joints
 from crawler_model.body.plan import Plan
+from crawler_model.body.segment import Segment
 from crawler_model.body.turning_tree import TurningTree
 
 _AXES = ("/x", "/y")
