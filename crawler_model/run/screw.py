@@ -67,7 +67,7 @@ def gain_in_frame(body: Body, x: np.ndarray, moved: np.ndarray, turned: np.ndarr
 
 
 def largest_distance(body: Body) -> float:
-    """Find the largest distance of two points of a body in the plane, its size whichever way it lies.
+    """Find the largest distance of two points of a body, its size whichever way it lies.
 
     Args:
         body: the body.
@@ -75,6 +75,8 @@ def largest_distance(body: Body) -> float:
     Returns:
         The distance in the reference shape [m].
     """
+    if body.dimension == 1:
+        return float(np.ptp(body.position))
     return float(np.linalg.norm(body.position[:, None] - body.position, axis=2).max())
 
 
