@@ -69,12 +69,13 @@ OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
 """How numba writes the order in memory of an array, and whether it can be written, by itself and within tuples."""
-BOTH, JUMPS = "bent springs on patches", "jumps in the plane"
-LAST = ("node", "environments", "batches")
+BOTH, WALLED, JUMPS = "bent springs on patches", "graphs between walls", "jumps in the plane"
+ON_LINES = ("graphs", "springs", "hysteresis", "patches", "walls", "long")
+MORE = (BOTH, WALLED, "derivatives", JUMPS, "node", "environments", "batches")
 KERNELS = (
     (("line", "plane"), ("line",)),
-    (("graphs", "springs", "patches", "long"), ("graphs", "springs", "patches", "long", "plane")),
-    ((BOTH, "derivatives", JUMPS, *LAST), (BOTH, "derivatives", JUMPS, *LAST)),
+    (ON_LINES, (*ON_LINES, "plane")),
+    (MORE, MORE),
 )
 """Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
 later row builds on them."""
@@ -124,6 +125,7 @@ def kernels() -> None:
 
     builds = {kind.value: build for kind, (build, _) in warm.BUILDS.items()}
     builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
+    builds[WALLED] = functools.partial(warm.compile_scene, "three_springs", ground=warm.WALLS)
     builds[JUMPS] = compile_jumps
     for begun, ended in KERNELS:
         for how, kinds in ((fcntl.LOCK_EX | fcntl.LOCK_NB, begun), (fcntl.LOCK_EX, ended)):

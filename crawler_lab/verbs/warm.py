@@ -18,6 +18,9 @@ from crawler_command.screen import ShowProgress, progress_bar
 from crawler_model import CrawlerError
 
 PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+WALLS = {"walls": [{"at": 1.0, "stops": "forward"}]}
+_ELEMENTS = [{"stiffness": 1.0, "yield": 0.1}]
+_HYSTERETIC = {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": 1.0, "hysteresis": _ELEMENTS}}
 _LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
 _LOOK_EVERY_S = 0.5
 
@@ -94,7 +97,9 @@ class Kind(str, Enum):
     graphs = "graphs"  # other bodies on a line
     node = "node"
     springs = "springs"  # springs that bend, as tendons that go slack
+    hysteresis = "hysteresis"  # springs with loops
     patches = "patches"  # patches of ground
+    walls = "walls"
     long = "long"
     plane = "plane"  # bodies in the plane
     derivatives = "derivatives"
@@ -103,11 +108,13 @@ class Kind(str, Enum):
 
 
 BUILDS: dict[Kind, tuple[Callable[[], None], int]] = {
-    Kind.line: (partial(compile_scene, "three_contacts_two_ways"), 10),
+    Kind.line: (partial(compile_scene, "three_contacts_two_ways"), 11),
     Kind.graphs: (partial(compile_scene, "three_springs"), 9),
     Kind.node: (compile_node, 10),
     Kind.springs: (partial(compile_scene, "tendon_worm"), 13),
+    Kind.hysteresis: (partial(compile_scene, "three_contacts_two_ways", body=_HYSTERETIC), 13),
     Kind.patches: (partial(compile_scene, "three_contacts_two_ways", ground=PATCHES), 12),
+    Kind.walls: (partial(compile_scene, "three_contacts_two_ways", ground=WALLS), 12),
     Kind.long: (compile_long, 8),
     Kind.plane: (partial(compile_scene, "planar_three_points"), 18),
     Kind.derivatives: (compile_derivatives, 16),
@@ -117,15 +124,15 @@ BUILDS: dict[Kind, tuple[Callable[[], None], int]] = {
 """What compiles each kind, and the processor time that it takes [s]. Times are measured on one machine; on another one
 their ratios are similar."""
 JOBS = (
-    (Kind.line, Kind.springs, Kind.patches, Kind.long, Kind.environments),
-    (Kind.plane, Kind.graphs, Kind.derivatives, Kind.node, Kind.batches),
+    (Kind.line, Kind.springs, Kind.hysteresis, Kind.patches, Kind.long, Kind.environments),
+    (Kind.plane, Kind.graphs, Kind.walls, Kind.derivatives, Kind.node, Kind.batches),
 )
 """What one process compiles, in this order; what a kind shares with one before it is loaded."""
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 0.25),
     ("crawler_lab.derivative", 0.5),
     ("crawler_lab.gym", 0.5),
-    ("crawler_", 0.12),
+    ("crawler_", 0.07),
 )
 """Beginning of a module, and the processor time that a function of it takes [s]."""
 
