@@ -72,7 +72,7 @@ def refuse(bad: np.ndarray, axes: int, explain: Callable[..., str], doubts: np.n
     """Refuse values that break a rule: of a single scene with an error, of variations by noting which are in doubt.
 
     Args:
-        bad: True where a value breaks the rule; its last `axes` axes are those of a single scene.
+        bad: True where a value breaks the rule; its last `axes` axes belong to a single scene.
         axes: number of these axes.
         explain: called with the indices of the first bad value; returns the message.
         doubts: of variations: set where a value is bad, bool, shape (M,), changed in place; None for a single scene.

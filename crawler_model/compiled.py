@@ -50,7 +50,7 @@ def entry(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def inner(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function like `compiled`, to be called by other kernels alone: it becomes a part of them.
+    """Compile a function like `compiled`, to be called only by other kernels: it becomes a part of them.
 
     Args:
         function: the function to compile.
@@ -62,7 +62,7 @@ def inner(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def lean(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function like `entry`, to be called by other kernels alone: it becomes a part of them.
+    """Compile a function like `entry`, to be called only by other kernels: it becomes a part of them.
 
     Args:
         function: the function to compile.
@@ -77,7 +77,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function like `lean`, and copy it to where it is called.
 
     A call copies seven to nine numbers for each array and for each array in each tuple that it passes. In small
-    functions of many arrays, and in those that are called at a single place, this takes longer than the rest. Large
+    functions of many arrays, and in functions that are called at a single place, this takes longer than the rest. Large
     ones take longer to compile so.
 
     Args:

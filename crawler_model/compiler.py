@@ -1,4 +1,4 @@
-"""The compiler of kernels: that of numba, with passes of our own and without those that kernels do not need."""
+"""The compiler of kernels: numba's, with passes of our own and without passes that kernels do not need."""
 
 from __future__ import annotations
 
@@ -83,15 +83,15 @@ def _unsigned(index: Any) -> Any:
 
 
 class _Part(JITCodeLibrary):  # type: ignore[misc]
-    """The code of a function that other kernels alone call: LLVM optimizes and translates it as a part of them.
+    """The code of a function that only other kernels call: LLVM optimizes and translates it as a part of them.
 
     numba optimizes and translates each function together with all that it calls, and again in each function that calls
-    it: in a chain of calls as long as the kernels' this takes twice as long. This code is linked as it is. What the
-    process loads is the address of the environment alone, which numba sets for every function.
+    it: in a chain of calls as long as the kernels' this takes twice as long. This code is linked as it is. The process
+    loads only the address of the environment, which numba sets for every function.
     """
 
     def finalize(self) -> None:
-        """Link what the function calls, and keep all of it for those that call the function."""
+        """Link what the function calls, and keep all of it for its callers."""
         require_global_compiler_lock()  # type: ignore[no-untyped-call]
         self._raise_if_finalized()  # type: ignore[no-untyped-call]
         code = self._final_module
@@ -100,7 +100,7 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
             code.link_in(library._get_module_for_linking(), preserve=True)
         for function in code.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
-                function.linkage = "linkonce_odr"  # those who call it copy it
+                function.linkage = "linkonce_odr"  # its callers copy it
         environments = [str(each) for each in code.global_variables if each.name.startswith("_ZN08NumbaEnv")]
         empty = str(self._codegen._create_empty_module(self.name))  # type: ignore[no-untyped-call]
         self._shared_module = code
@@ -109,7 +109,7 @@ class _Part(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _build_passes(machine: Any, opt: Any, **_: Any) -> Any:
-    """Build passes of LLVM that neither vectorize nor unroll loops, of which most are over a few contacts or fields.
+    """Build passes of LLVM that neither vectorize nor unroll loops: most are over a few contacts or fields.
 
     It took a tenth of the time of compiling, and made ticks longer. Loops of constant length, as over two components,
     were unrolled when numba optimized the function.
@@ -122,8 +122,8 @@ def _build_passes(machine: Any, opt: Any, **_: Any) -> Any:
 class _Whole(JITCodeLibrary):  # type: ignore[misc]
     """The code of a function that Python calls, and of all that it calls.
 
-    Nothing else calls these copies. So LLVM puts those with one caller there, and passes to others only what they use:
-    a call copied some eighty numbers otherwise, a fifth of the time of a tick of two contacts.
+    Nothing else calls these copies. So LLVM puts functions with one caller there, and passes to others only what they
+    use: a call copied some eighty numbers otherwise, a fifth of the time of a tick of two contacts.
     """
 
     def _optimize_final_module(self) -> None:
@@ -140,7 +140,7 @@ class _Whole(JITCodeLibrary):  # type: ignore[misc]
 
 @register_pass(mutates_CFG=False, analysis_only=False)  # type: ignore[no-untyped-call]
 class _ChooseLibrary(FunctionPass):  # type: ignore[misc]
-    """Keep functions that Python does not call as parts of those that call them."""
+    """Keep functions that Python does not call as parts of their callers."""
 
     _name = "crawler_choose_library"
 

@@ -184,7 +184,7 @@ def _sources_hash() -> str:
 
 @functools.cache
 def _folder_hash(folder: Path) -> str:
-    """Hash the files beside a kernel of another package, which may use them and this package alone; else empty."""
+    """Hash the files next to a kernel of another package, which may use only them and this package; else empty."""
     return "" if Path(__file__).parent in (folder, *folder.parents) else _hash_files(folder, ("*.py",))
 
 
@@ -199,7 +199,7 @@ def _hash_files(folder: Path, patterns: Iterable[str]) -> str:
 
 @functools.cache
 def folder_of_kernels() -> Path:
-    """Create the folder for all kernels of these sources and delete those of old ones, if it is possible.
+    """Create the folder for all kernels of these sources and delete folders of old ones, if it is possible.
 
     Returns:
         The folder, which may be missing or not writable.

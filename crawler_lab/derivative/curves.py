@@ -1,7 +1,7 @@
 """Bent springs on a path with derivatives: the pieces of their curves in force, their own derivatives, their knots.
 
 On its pieces a bent spring is linear, T = k_a (u - at) + value of its actuator and the same of its passive spring over
-z; its own derivative is that of this line at fixed u and z. A knot is an event as an arrival at a bound is one.
+z; its own derivative is the line's at fixed u and z. A knot is an event, like an arrival at a bound.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ def place_bends(system, curves, commands, piece):
     """Find the pieces of the curves that are in force on a piece of the path, and the stiffness that follows.
 
     Args:
-        system: a `System`; springs, their curves and the band are written. Velocities are those on the piece,
-            elongations those at its start.
+        system: a `System`; springs, their curves and the band are written. Velocities hold on the piece, elongations at
+            its start.
         curves: its `Curves`, or None.
         commands: a `Commands`.
         piece: the PIECE of the path.
@@ -53,9 +53,9 @@ def find_own_of_bends(system, curves, derivative, commands):
     """Compute the derivatives of the tensions of bent springs at fixed displacements and commands.
 
     Args:
-        system: a `System`; elongations are those at the place of the commands.
+        system: a `System`; elongations belong to the place of the commands.
         curves: its `Curves`, or None.
-        derivative: a `Derivative`; `own` is written, and `pull` with that of the actuators.
+        derivative: a `Derivative`; `own` is written, and `pull` with the part of the actuators.
         commands: a `Commands`, at that place.
     """
     if curves is None:
@@ -100,7 +100,7 @@ def find_mean_pull(system, curves, commands, s, place, growth):
     """Compute the mean tension of the actuator of a bent spring along a piece of the path.
 
     Args:
-        system: a `System`; the elongation is that at the start of the piece.
+        system: a `System`; the elongation belongs to the start of the piece.
         curves: its `Curves`, or None.
         commands: a `Commands`.
         s: the spring.
@@ -119,7 +119,7 @@ def find_mean_pull(system, curves, commands, s, place, growth):
 
 @lean
 def look_at_loose(system, curves, piece):
-    """Mark all derivatives as one-sided if a part of the body slides that no spring joins to what is stuck.
+    """Mark all derivatives as one-sided if a sliding part of the body has no spring to a stuck one.
 
     Args:
         system: a `System`, after its balance was solved.

@@ -23,13 +23,13 @@ from ..sweep.vary import Variations, vary
 from .parameters import changing_keys
 
 _STEP, _STEP_OF_TIMES = 2.0**-18, 2.0**-12
-"""Step of the differences, relative to the value of the parameter; that of times, which are whole nanoseconds [1]."""
+"""Step of the differences, relative to the value of the parameter; and of times, which are whole nanoseconds [1]."""
 _SMALLEST = 0.125
 """Values are taken to be of this size at least."""
 _ROUNDING = 1e-13
 """Rounding errors of a run, relative to its largest displacement and work."""
 _SIDES = 1e-3
-"""Part of the largest derivative by which those of both sides may differ at most."""
+"""Part of the largest derivative by which both sides may differ at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class _Run:
     works: np.ndarray
 
     def flat(self, periods: int) -> np.ndarray:
-        """Join all numbers, with those of the first whole periods, shape (M,)."""
+        """Join all numbers, first whole periods included, shape (M,)."""
         return np.concatenate((self.displacement.ravel(), self.gains[:periods], [self.work], self.works[:periods]))
 
 
@@ -83,10 +83,10 @@ def differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray
         tick_ns: the times of the displacements behind the start, shape (T - 1,) [ns].
 
     Returns:
-        The derivatives; where they are one-sided, those of larger values, unless only smaller ones are valid.
+        The derivatives; where they are one-sided, towards larger values, unless only smaller ones are valid.
 
     Raises:
-        SceneError: if a key is unknown, or no value near that of the scene is valid.
+        SceneError: if a key is unknown, or no value near the scene's is valid.
     """
     names = expand_keys(scene, keys, "sensitivities")
     everything = vary(scene, {name: [0.0] for name in names}, grid=False)

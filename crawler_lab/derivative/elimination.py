@@ -107,9 +107,9 @@ def eliminate_many(contacts, band, load, solution):
     """Solve the balance of the sliding contacts, K_SS u_S = load_S - K_SM u_M.
 
     Args:
-        contacts: CONTACT, shape (N,), of which some slide.
+        contacts: CONTACT, shape (N,), some of them sliding.
         band: a `Band`.
-        load: by contact, shape (N, P); that of sliding contacts is overwritten.
+        load: by contact, shape (N, P); overwritten for sliding contacts.
         solution: by contact, shape (N, P); read for stuck contacts, output for sliding ones.
 
     Returns:

@@ -1,12 +1,11 @@
-"""The derivatives of a continuous body, from those of several grids.
+"""The derivatives of a continuous body, from the derivatives of several grids.
 
-The derivatives of a grid are those of a body of springs. They tend to those of the continuous body as the grid gets
-finer, but where waves run along a segment, or other contacts rest with it, they may do so slowly, and scatter from grid
-to grid, as contacts lie differently. The mean of several grids then is much closer than any of them, and its standard
-error tells how close.
+A grid is a body of springs. Its derivatives tend to the continuous body's as the grid gets finer, but where waves run
+along a segment, or other contacts rest with it, they may do so slowly, and scatter from grid to grid, as contacts lie
+differently. The mean of several grids then is much closer than any of them, and its standard error tells how close.
 
 Where the point at rest is exactly between two cells, the grid has a kink, and the continuous body has none: on either
-side of it another contact rests in place of the point. The derivatives are then the mean of those on both sides.
+side of it another contact rests in place of the point. The derivatives are then the mean of both sides.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ _OTHERS = (
     (400, (1.1, 1.21, 1.34, 1.55, 1.89)),
     (math.inf, (0.55, 0.62, 0.7, 0.79, 0.89)),
 )
-"""Elements of the other grids, as parts of those of the scene, where a segment has up to so many: some derivatives are
-zero on coarse grids."""
+"""Elements of the other grids, relative to the scene's, where a segment has up to so many: some derivatives are zero on
+coarse grids."""
 _ERRORS = 2.5
 """Standard errors of the mean by which it may differ from the derivatives of the continuous body."""
 RESOLVED = 0.05
-"""Derivatives that may differ by a larger part are not those of the continuous body."""
+"""Derivatives that may differ by a larger part do not describe the continuous body."""
 SIDES = 0.025
-"""Likewise of the derivatives on both sides of a kink of the grid."""
+"""The same for the derivatives on both sides of a kink of the grid."""
 _TILT = 1e-8
 """Part by which forward friction differs from its value on either side of a kink."""
 _SMALL = 0.02
@@ -91,8 +90,8 @@ def compare_sides(first: np.ndarray, second: np.ndarray, travel: float, values: 
     """Compare derivatives of the net translation on both sides of a kink.
 
     Args:
-        first: those on one side, shape (K, P).
-        second: those on the other.
+        first: derivatives on one side, shape (K, P).
+        second: derivatives on the other.
         travel: how far the body moves [m].
         values: of the parameters, shape (P,).
 

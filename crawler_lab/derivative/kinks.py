@@ -15,7 +15,7 @@ AT_BOUND = 1e-10
 SAME = 1e-8
 """Derivatives closer than this, relative to the terms whose difference they are, are equal."""
 _ROUNDING = 1e-11
-"""Derivatives smaller than this part of the largest terms met are rounding, that of their parameters included."""
+"""Derivatives smaller than this part of the largest terms met are rounding, their parameters' included."""
 _SHORTEST = 1e-8
 """On a shorter part of a ramp a contact that has just left its bound is still close to it."""
 INSTANT = 1e-11
@@ -45,7 +45,7 @@ def pass_end(system, dx, piece):
     """Carry the derivatives over the end of the last piece, and find the kinks there.
 
     Args:
-        system: a `System`, of which velocities and directions are those of the next piece.
+        system: a `System`, with the velocities and directions of the next piece.
         dx: derivatives of the displacements, shape (N, P), changed in place.
         piece: the next PIECE.
 
@@ -146,7 +146,7 @@ def find_moves(parameters):
 
 @lean
 def note_arrival(parameters, piece, closing, fastest):
-    """Note the derivative of the place of an event, or that its order with that of another one depends on parameters.
+    """Note the derivative of the place of an event, or that parameters change its order with another event.
 
     Args:
         parameters: PARAMETER, shape (P,), with the derivatives of the slack.
@@ -188,7 +188,7 @@ def look_at_bounds(system, derivative, commands, piece):
     """Find at the end of a piece which contacts reach a bound, and the derivative of where on the ramp they do.
 
     Args:
-        system: a `System`; tensions are those at the end, and arrivals are written.
+        system: a `System`, with the tensions at the end; arrivals are written.
         derivative: a `Derivative`, at the end.
         commands: a `Commands`, at the end.
         piece: the PIECE; how it ended is written.
@@ -245,7 +245,7 @@ def look_at_choice(system, derivative, commands, piece):
     either the one or the other is chosen.
 
     Args:
-        system: a `System`; forces and rates are those at the end.
+        system: a `System`, with the forces and rates at the end.
         derivative: a `Derivative`, at the end, with the displacements at the start of the piece as `earlier`.
         commands: a `Commands`, at the end.
         piece: the PIECE.

@@ -23,7 +23,7 @@ from ..sweep.vary import Variations, vary
 _STEP = 2.0**-7
 """Step of the differences of assembled arrays, relative to the value of the parameter."""
 _STEP_OF_CURVES = 2.0**-10
-"""Likewise in scenes with curves, whose knots may be close together."""
+"""The same in scenes with curves, whose knots may be close together."""
 _SMALLEST = 0.125
 """Values are taken to be of this size at least."""
 _CENTRAL, _ONE_SIDED = (-3, -2, -1, 0, 1, 2, 3), (0, 1, 2, 3, 4, 5, 6)
@@ -33,7 +33,7 @@ _TRIES, _FINER = 8, 16.0
 _TOGETHER = 256
 """Parameters whose arrays are assembled in one call."""
 _SAME = 1e-14
-"""Numbers that change by a smaller part of their size change by rounding alone."""
+"""Numbers that change by a smaller part of their size change only by rounding."""
 _AGREE, _NOISE = 1e-7, 64.0 * EPS
 """Part by which derivatives from two steps differ at most if the steps are short enough and no kink is between
 them, and rounding errors of the arrays, relative to their sizes."""
@@ -62,12 +62,12 @@ class Derivatives:
         targets: of the targets at the waypoints, shape (W, F, P).
         start: of x at the start, shape (N, P), in the plane (N, 2, P).
         times: of the times of the waypoints, shape (W, P) [s per unit of the parameter].
-        period: of the period, shape (P,), likewise; zero without one.
+        period: of the period, shape (P,) [s per unit of the parameter]; zero without one.
         position: of the reference positions in the plane, shape (N, 2, P); empty on a line.
         rest: of the rest lengths and angles in the plane, as in a `Frame`, shape (K, P); empty on a line.
         offset: of the angles of the axes of friction in the plane, shape (N, P); empty on a line.
-        jumps: whether an array jumps as the parameter changes, so that its derivative is that of one side, bool, shape
-            (P,); empty if none does.
+        jumps: whether an array jumps as the parameter changes, so that its derivative is one-sided, bool, shape (P,);
+            empty if none does.
     """
 
     names: tuple[str, ...]
@@ -133,7 +133,7 @@ def _differentiate_together(
 ) -> dict[str, np.ndarray]:
     """Compute the derivatives of all arrays with respect to parameters that share a mesh.
 
-    Those on which an array does not depend linearly are left out.
+    Parameters on which an array does not depend linearly are left out.
     """
     base = _flat(scene)[0]
     found = {name: np.zeros(base.size) for name, group in changing.items() if not group}
@@ -201,8 +201,8 @@ def _refine(
     """Compute the derivative at 0 with steps that shrink, until differences of two steps agree.
 
     Each number has the longest step that agrees with the next one: a start at rest has kinks where knots are met, and a
-    derivative that is zero may agree with none. `origin` has the numbers at 0 and the sizes of which their rounding
-    errors are parts. The second result is which differences grow as the steps shrink.
+    derivative that is zero may agree with none. `origin` has the numbers at 0, and the sizes to which their rounding
+    errors are relative. The second result is which differences grow as the steps shrink.
     """
     base, size = origin
     derivative, known = np.zeros(base.size), np.zeros(base.size, dtype=bool)
@@ -229,7 +229,7 @@ def _refine(
 
 
 def _agree(derivative: np.ndarray, finer: np.ndarray, size: np.ndarray, step: float) -> np.ndarray:
-    """Determine where differences with two steps, of which the second is given, are equal up to their errors."""
+    """Determine where differences with two steps (the second is given) are equal up to their errors."""
     allowed = _AGREE * np.maximum(np.abs(derivative), np.abs(finer)) + _NOISE * size / step
     return np.asarray(np.abs(derivative - finer) <= allowed)
 
@@ -269,7 +269,7 @@ def _arrays(scene: Assembly) -> tuple[np.ndarray, ...]:
 
 
 def _sizes(scene: Assembly) -> np.ndarray:
-    """Find what rounding errors are relative to: the size of each number, for the start at least that of the body."""
+    """Find what rounding errors are relative to: the size of each number, for the start at least the body's."""
     arrays = [np.abs(array) for array in _arrays(scene)]
     arrays[_START] = np.maximum(arrays[_START], np.ptp(scene.body.position))
     return np.concatenate([array.ravel() for array in arrays])
@@ -282,8 +282,8 @@ def collect_pieces(body: Body) -> np.ndarray:
         body: the body.
 
     Returns:
-        Those of the actuator and the passive spring of each in turn, columns as in `body.curves`, with 0 for infinity,
-        shape (R, 6).
+        Pieces of the actuator and of the passive spring of each in turn, columns as in `body.curves`, with 0 for
+        infinity, shape (R, 6).
     """
     curves = [curve.pieces for bend in body.bends for curve in (bend.actuator, bend.passive)]
     pieces = np.concatenate([np.zeros((0, 6)), *curves])

@@ -93,7 +93,7 @@ class Stretch:
         x: displacement at each vertex, without the rounding rest, shape (V, N) [m].
         rest: that rest, shape (V, N) [m].
         work: work of the actuators in each ramp, shape (V,) [J].
-        dx: derivatives of x, at a waypoint of the moving waypoint, shape (V, N, P).
+        dx: derivatives of x, taken at the moving waypoint where there is one, shape (V, N, P).
         d_work: derivatives of `work`, shape (V, P).
         speed: velocity at the end of each ramp, shape (V, N) [m per ramp].
     """
@@ -217,7 +217,7 @@ class TangentPath:
     def _find_steady(self, vertices: Vertices) -> np.ndarray:
         """Find the ramps whose events note only what they change, see `starts`, bool, shape (V,).
 
-        They are those of a body with segments and linear springs, on which friction and its derivatives do not change.
+        The body has segments and linear springs, and friction and its derivatives do not change on these ramps.
         """
         body, count, first = self._plan.body, vertices.time_ns.size, self._plan.body.springs
         if not body.element_ends.size or body.bends:

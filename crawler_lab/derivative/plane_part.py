@@ -130,7 +130,7 @@ def _extrapolate(table, newest, pieces, scale, compared):
 
 @inner
 def _attempt(frame, rates, course, start, best):
-    """Extrapolate walks over a part of a ramp; the arguments are those of `_differentiate_walk`.
+    """Extrapolate walks over a part of a ramp, with the arguments of `_differentiate_walk`.
 
     Returns the error of the derivatives relative to the largest of their parameter, infinite if no step was solved, and
     whether the displacement is unique.

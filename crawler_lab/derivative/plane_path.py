@@ -42,7 +42,7 @@ on that moves by more than this part of what its velocity suggests."""
 _SHORT_OF = 1.0 - 1e-6
 """Derivatives are followed over this much of a part at whose end a force may reach a corner and be on two edges."""
 _CROSSING = 1e-7
-"""A part this short on the ramp only crosses an event. Its velocities mix those on both sides of it, so it belongs to
+"""A part this short on the ramp only crosses an event. Its velocities mix both sides of the event, so it belongs to
 the part before, and the event is passed behind it."""
 _STEP = 1e-7
 """Step of the differences of gaps, relative to what changes with a parameter."""
@@ -63,7 +63,7 @@ class _Part(NamedTuple):
         gap: from there to the edges of the polygons of friction forces, shape (N, m), or to the boundaries of the
             ellipses, shape (N, 1) [N].
         moved: displacement gained, shape (N, 2) [m].
-        slides: points that slide; those that start at its very end do not, shape (N,).
+        slides: points that slide; a point that starts at its very end does not, shape (N,).
         velocity: at its end, shape (N, 2) [m per part].
         slowing: by how much it decreases there, shape (N, 2) [m per part^2].
         rate: at which the derivatives of places change at its end, shape (N, 2, P) [per part].
@@ -224,7 +224,8 @@ class PlanePath:
         """Carry the derivatives to where the last part ends if a force has reached the boundary of its set there.
 
         All points go on as before until that happens, which depends on the parameters; then their velocities change,
-        and some stop. `change` is that of the command per part, and `place` where the last part ended on the ramp.
+        and some stop. `change` is the change of the command per part, and `place` where the last part ended on the
+        ramp.
         """
         near = (now.gap <= self._zero[:, None]) & (last.slides | now.slides)[:, None]  # short parts may precede a start
         if not near[~last.slides].any() and (near.sum(axis=1) <= 1).all():
@@ -244,7 +245,7 @@ class PlanePath:
         self._place += last.velocity[:, :, None] * delays[:, 0]
 
     def _find_holds(self, now: _Part, place: float, unique: bool) -> None:
-        """Find points that rest at the boundary of their sets, and whether friction alone decides the translation.
+        """Find points that rest at the boundary of their sets, and whether only friction decides the translation.
 
         At the end of a ramp these are also points whose force has only just come there: they may move yet, or not.
         """

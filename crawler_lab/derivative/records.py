@@ -1,7 +1,7 @@
 """The records of a path with derivatives: what is known of a contact, a spring, a parameter, a piece of the path.
 
-Kernels take them whole, as those of `motion.line.records`. Derivatives with respect to P parameters are arrays with a
-column for each.
+Kernels take them whole, like the records of `motion.line.records`. Derivatives with respect to P parameters are arrays
+with a column for each.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ CONTACT = np.dtype(
         ("size", _FLOAT),  # sum of the absolute tensions around it [N]
         ("rate_size", _FLOAT),
         ("ground", _FLOAT),  # stiffness of its springs to what is stuck, in the elimination [N/m]
-        ("way", _FLOAT),  # how far it slid on the piece, or on those that are taken as one [m]
+        ("way", _FLOAT),  # how far it slid on the piece, or on all that are taken as one [m]
         ("loose", _BYTE),  # whether it slides and no spring joins it, or the contacts that it stands for, to others
     ],
     align=True,
@@ -49,7 +49,7 @@ SPRING = np.dtype(
         ("column", _INT),
         ("stiffness", _FLOAT),  # k, on the piece [N/m]
         ("scale", _FLOAT),  # a stiffness of it that never changes [N/m]
-        ("command", _FLOAT),  # stiffness of its actuator alone, on the piece [N/m]
+        ("command", _FLOAT),  # stiffness of only its actuator, on the piece [N/m]
         ("elongation", _FLOAT),  # z of a bent spring, at the start or the end of the piece [m]
         ("arrived", _BYTE),  # 1 if it is at a knot at the end of the piece, 2 if that instant depends on the parameters
         ("tension", _FLOAT),  # T, at the start or the end of the piece [N]
@@ -81,8 +81,8 @@ PIECE = np.dtype(
         ("next", _INT),  # row of the next piece, or change
         ("begin", _FLOAT),  # the part of the ramp that the piece spans
         ("until", _FLOAT),
-        ("first", _FLOAT),  # where the first of those begins that are taken as one with it
-        ("riders", _INT),  # contacts at rest at their bounds beside those that slide
+        ("first", _FLOAT),  # where the first piece begins that is taken as one with it
+        ("riders", _INT),  # contacts at rest at their bounds next to sliding ones
         ("ended", _INT),  # how the last piece ended
         ("knots", _INT),  # knots at which springs are at its end at instants that depend on the parameters
         ("work", _FLOAT),  # work of the actuators in the ramp [J]
@@ -92,7 +92,7 @@ PIECE = np.dtype(
         ("element_after", _INT),  # the element after it; -1 without one
         ("lengthens", np.bool_),  # whether the segment lengthens there
         ("offset", _FLOAT),  # place of the contact, from the point at rest, at the start or the end, in elements
-        ("drift", _FLOAT),  # velocity of the continuous body beside that of the grid, likewise [m per ramp]
+        ("drift", _FLOAT),  # velocity of the continuous body relative to the grid, at the start or the end [m per ramp]
         ("between", np.bool_),  # output: whether the point has ever been between two contacts that both slide
     ],
     align=True,
@@ -124,7 +124,7 @@ class System(NamedTuple):
     beside: np.ndarray
     """The elements before and after each contact, -1 without one, shape (N, 2)."""
     first: np.ndarray
-    """Where the springs of each contact begin in `around`, and where those of the last one end, shape (N + 1,)."""
+    """Where the springs of each contact begin in `around`, and where the last contact's end, shape (N + 1,)."""
     around: np.ndarray
     """The springs of each contact, in order, shape (2 S,)."""
     band: Band
@@ -155,7 +155,7 @@ class Derivative(NamedTuple):
     tension: np.ndarray
     """Of the tensions, shape (S, P)."""
     own: np.ndarray
-    """The part of those that a spring has at fixed displacements and commands, shape (S, P)."""
+    """The part of these derivatives at fixed displacements and commands, shape (S, P)."""
     pull: np.ndarray
     """Of the tensions of the actuators; without bent springs the same array as `tension`, shape (S, P)."""
 
@@ -170,11 +170,11 @@ class Commands(NamedTuple):
     target: np.ndarray
     """At the place that is looked at, shape (F,)."""
     d_start: np.ndarray
-    """Derivatives of those at its start, shape (F, P)."""
+    """Derivatives of the commands at its start, shape (F, P)."""
     d_end: np.ndarray
-    """Derivatives of those at its end, shape (F, P)."""
+    """Derivatives of the commands at its end, shape (F, P)."""
     d_target: np.ndarray
-    """Derivatives of those at the place that is looked at, shape (F, P)."""
+    """Derivatives of the commands at the place that is looked at, shape (F, P)."""
 
 
 class Course(NamedTuple):

@@ -48,7 +48,7 @@ class Kink:
 
     Attributes:
         time: simulated time [s].
-        contacts: names of the contacts: those that reach their bounds together, or that are at a bound without
+        contacts: names of the contacts that reach their bounds together, or that are at a bound without
             sliding.
     """
 
@@ -68,15 +68,15 @@ class Sensitivities:
         net_translation: d y / d p, shape (T, P), in the plane (T, 2, P).
         yaw: derivatives of the yaw, shape (T, P); 0 for bodies that do not turn.
         per_period: derivatives of the net translation gained in each whole period, shape (periods, P), in the plane
-            (periods, 2, P); of bodies that turn those of dx, dy and dyaw as in `Trajectory`, shape (periods, 3, P).
+            (periods, 2, P); of bodies that turn of dx, dy and dyaw as in `Trajectory`, shape (periods, 3, P).
         work: derivatives of the work of the actuators in the whole run, shape (P,).
         period_work: derivatives of that work in each whole period, shape (periods, P).
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, or none as a relaxed start jumps there, bool, shape (P,).
         kinks: where they are.
         tolerance: on a line 0, as derivatives are exact but for rounding; of bodies with hysteresis or backlash by how
-            much differences to both sides differ, where they are not one-sided; of segments a bound of the error of
-            those of the net translation that are not in `unresolved`, and in the plane of those of the displacement
+            much differences to both sides differ, where they are not one-sided; of segments a bound of the error of the
+            net translation's derivatives that are not in `unresolved`, in the plane of the displacement's derivatives
             that are not one-sided, relative to the largest one with respect to the same parameter; NaN where there are
             none [1].
         unresolved: parameters with respect to which the derivatives of the net translation of a body with segments, the
@@ -99,7 +99,7 @@ class Sensitivities:
 
     @property
     def differentiable(self) -> bool:
-        """Whether all derivatives are two-sided, and those of segments do not depend on their elements."""
+        """Whether all derivatives are two-sided, and for segments do not depend on their elements."""
         return not (self.one_sided.any() or self.unresolved.any())
 
     def __repr__(self) -> str:
@@ -130,13 +130,13 @@ def sensitivities(
     """Differentiate a run of a scene with respect to its numbers.
 
     The derivatives are exact through events: the path is piecewise linear, and only contacts that stop remember how
-    they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative is that of the
-    path with the events in the order in which they are met. In the plane, where paths are curved, the derivatives are
-    those of a path that is followed to 1e-8, by the matrices of its implicit steps; `tolerance` is by how much they
-    differ from those of a path that is followed to 1e-7. Those of bodies with hysteresis or backlash are central
-    differences of runs; `tolerance` is by how much the differences to both sides differ.
+    they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative follows the path
+    with the events in the order in which they are met. In the plane, where paths are curved, the path is followed to
+    1e-8, and differentiated by the matrices of its implicit steps; `tolerance` is the difference to the derivatives of
+    a path that is followed to 1e-7. Bodies with hysteresis or backlash have central differences of runs;
+    `tolerance` is by how much the differences to both sides differ.
 
-    A waypoint's derivatives are those at the moving waypoint for gains and work, and at the fixed time for
+    A waypoint's derivatives are taken at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
     which repeats the first one, are fixed: their derivatives are 0.
 
@@ -235,7 +235,7 @@ def _average_over_grids(
 
 
 def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
-    """Differentiate a run on a line, on the grid of the scene; at a kink of the grid alone, on both sides of it."""
+    """Differentiate a run on a line, on the grid of the scene; at a kink of the grid itself, on both sides of it."""
     path = TangentPath(scene, derivatives, samples=True)
     found = _differentiate(scene, derivatives, tick_ns, path)
     if not path.between:
@@ -329,7 +329,7 @@ def check_differentiable(scene: Scene, caller: str) -> None:
 def _at_fixed_times(
     path: TangentPath | PlanePath, vertices: Vertices, stretch: Stretch, at: np.ndarray, begin_ns: int
 ) -> np.ndarray:
-    """Select the derivatives at ticks; where a waypoint moves past a tick, those of the path at the fixed time."""
+    """Select the derivatives at ticks; where a waypoint moves past a tick, of the path at the fixed time."""
     dx = stretch.dx[at]
     for k in np.flatnonzero(vertices.d_time[at].any(axis=1)):
         i = int(at[k])

@@ -1,6 +1,6 @@
 """The point of a segment at rest while everything else slides: how it moves with the parameters.
 
-A segment slides away from this point or towards it, so the point alone determines the translation. It divides the
+A segment slides away from this point or towards it, so only the point determines the translation. It divides the
 friction: with the force g on the contact that rests in its place, it lies at the part
 
     q = (mu_plus - g) / (mu_plus + mu_minus)
@@ -8,7 +8,7 @@ friction: with the force g on the contact that rests in its place, it lies at th
 of the cell of that contact where the segment lengthens, and at 1 - q where it shortens. On the grid the contact rests
 instead, whatever the parameters, and at some of their values another one takes over: there the displacement jumps, and
 between them it does not change. Of the continuous body all contacts are displaced by the elongation between the point
-and the contact; the derivative of this displacement is added to those of the grid.
+and the contact; the derivative of this displacement is added to the grid's derivatives.
 """
 
 from __future__ import annotations
@@ -144,9 +144,9 @@ def begin_standing(system, derivative, commands, piece, sliding):
     """Find the point at rest at the start of a piece, and carry the derivatives of its displacement over that start.
 
     Args:
-        system: a `System`, whose velocities and directions are those of the piece.
+        system: a `System`, with the velocities and directions of the piece.
         derivative: a `Derivative`, at the start of the piece; the displacements are written.
-        commands: a `Commands`, likewise.
+        commands: a `Commands`, at that place.
         piece: the PIECE, changed in place.
         sliding: number of contacts that slide.
     """
@@ -182,8 +182,8 @@ def end_standing(system, derivative, commands, piece):
 
     Args:
         system: a `System`, at the end of the piece.
-        derivative: a `Derivative`, likewise; the displacements are written.
-        commands: a `Commands`, likewise.
+        derivative: a `Derivative`, at the end too; the displacements are written.
+        commands: a `Commands`, at the end too.
         piece: the PIECE, changed in place.
     """
     if piece.element < 0 and piece.element_after < 0:

@@ -29,7 +29,7 @@ TO_THE_END = 1.0 - 1e-13
 
 @lean
 def _store_energy(system, derivative, piece, sign):
-    """Add the elastic energy to the work, or subtract it, and its derivative likewise."""
+    """Add the elastic energy and its derivative to the work, or subtract them."""
     for s in range(system.springs.shape[0]):
         stretch = system.springs[s].tension / system.springs[s].stiffness
         piece.work += sign * 0.5 * stretch * system.springs[s].tension
@@ -44,7 +44,7 @@ def begin_ways(system, derivative, piece):
 
     Args:
         system: a `System`, at the start of the first piece.
-        derivative: a `Derivative`, likewise.
+        derivative: a `Derivative`, at the same place.
         piece: the PIECE.
     """
     _store_energy(system, derivative, piece, -1.0)
@@ -56,8 +56,8 @@ def end_ways(system, derivative, commands, piece):
 
     Args:
         system: a `System`, at the end of the last piece.
-        derivative: a `Derivative`, likewise, with the displacements at the start of the first one.
-        commands: a `Commands`, likewise.
+        derivative: a `Derivative`, at the same place, but with the displacements at the start of the first one.
+        commands: a `Commands`, at the end of the last piece.
         piece: the PIECE.
     """
     contacts, n, first = system.contacts, system.contacts.shape[0], system.springs.shape[0]
@@ -127,7 +127,7 @@ def _solve_motion(system, commands, piece):
 
 @lean
 def begin_changed(system, commands, changes, piece):
-    """Begin a piece of a ramp of which changes are noted, where the last one ended.
+    """Begin a piece where the last one ended, on a ramp whose changes are noted.
 
     Args:
         system: a `System`, at the end of the last piece; states and velocities are written.
@@ -159,7 +159,7 @@ def begin_changed(system, commands, changes, piece):
 
 @lean
 def end_changed(system, commands, piece, sliding):
-    """Find how contacts moved up to the end of a piece that changes end, and of those that are taken as one with it.
+    """Find how contacts moved up to the end of a piece that changes end, and of pieces that are taken as one with it.
 
     Args:
         system: a `System`, with forces at the start of the first piece.
@@ -220,9 +220,9 @@ def _look_at(system, derivative, commands, piece, i):
 
 @lean
 def _look_beside(system, derivative, commands, piece, i):
-    """Look at the contacts at rest beside one that begins to slide: at their bounds they may have a kink.
+    """Look at the contacts at rest next to one that begins to slide: at their bounds they may have a kink.
 
-    A contact that stays at its bound beside one that slides is a rider: whether it goes on so depends on all others.
+    A contact that stays at its bound next to one that slides is a rider: whether it goes on so depends on all others.
     """
     contacts, springs = system.contacts, system.springs
     for e in range(system.first[i], system.first[i + 1]):
@@ -259,11 +259,11 @@ def pass_starts(system, derivative, commands, changes, piece, sliding):
     """Go on to the piece of the ramp that ends otherwise than by contacts that begin to slide.
 
     Args:
-        system: a `System`, at the start of the piece; states are changed to those at the end.
-        derivative: a `Derivative`, likewise.
+        system: a `System`, at the start of the piece; states are changed to the states at the end.
+        derivative: a `Derivative`, at the start of the piece.
         commands: a `Commands`, on the ramp.
         changes: as the pieces of a `Course`.
-        piece: the PIECE, changed to the last one of those that are taken as one.
+        piece: the PIECE, changed to the last one that is taken as one with it.
         sliding: how many contacts slide at its start.
 
     Returns:

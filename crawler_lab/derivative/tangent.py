@@ -136,7 +136,7 @@ def _find_own(system, derivative, commands):
 
 @lean
 def _find_tensions(system, derivative, commands):
-    """Compute the derivatives of the tensions, from those at fixed displacements."""
+    """Compute the derivatives of the tensions, from the derivatives at fixed displacements."""
     springs, dx, d_target = system.springs, derivative.dx, commands.d_target
     for s in range(springs.shape[0]):
         spring = springs[s]
@@ -241,7 +241,7 @@ def _add_work(springs, parameters, derivative, commands, length):
 
 @lean
 def _advance_springs(system, commands, piece, alone):
-    """Advance the tensions to the end of a piece; if it stands alone, with the work and its derivatives."""
+    """Advance the tensions to the end of a piece; if it stands by itself, with the work and its derivatives."""
     first = piece.begin if alone else piece.first
     length = piece.until - first
     for s in range(system.springs.shape[0]):
@@ -344,7 +344,7 @@ def follow_tangent(system, derivative, commands, course, pieces, output, samples
     Args:
         system: a `System`, changed in place.
         derivative: a `Derivative`, changed in place.
-        commands: `Commands`, at the start of the first ramp; at that of the next one afterwards.
+        commands: `Commands`, at the start of the first ramp; afterwards at the start of the next one.
         course: a `Course`.
         pieces: PIECE, shape (1,), changed in place.
         output: derivatives of the displacements after each ramp, shape (V, N, P); work of the actuators in each ramp,

@@ -57,12 +57,12 @@ class Body:
 
     @property
     def contacts(self) -> int:
-        """Number of contacts N, including those of segments."""
+        """Number of contacts N, segments included."""
         return int(self.position.shape[0])
 
     @property
     def springs(self) -> int:
-        """Number of springs S, including those of segments."""
+        """Number of springs S, segments included."""
         return int(self.stiffness.shape[-1])
 
     @property
@@ -77,7 +77,7 @@ class Body:
 
     @property
     def stiffnesses(self) -> np.ndarray:
-        """Stiffness of each spring, of a body that turns followed by that of each joint [N/m, N m/rad]."""
+        """Stiffness of each spring, of a body that turns also of each joint [N/m, N m/rad]."""
         return self.stiffness if self.turning is None else join((self.stiffness, self.turning.joint_stiffness))
 
     @functools.cached_property
@@ -134,7 +134,7 @@ class Body:
 
     @property
     def station_share(self) -> np.ndarray:
-        """Weight of each station in an estimate of the net translation from stations alone; exact without segments."""
+        """Weight of each station in an estimate of the net translation from only stations; exact without segments."""
         if self.turning is not None:  # not all of its points touch the ground
             return self.share
         parts = self.isolated.size + len(self.segments)
@@ -162,7 +162,7 @@ class Body:
 
         Args:
             elongation: z, shape (..., S), in the plane (..., S, 2) [m].
-            actuation: L, likewise.
+            actuation: L, of the same shape [m].
 
         Returns:
             T, same shape [N].
@@ -179,7 +179,7 @@ class Body:
         return tension
 
     def energy(self, tension: np.ndarray, x: np.ndarray, actuation: np.ndarray | None) -> np.ndarray:
-        """Compute the energy of all springs; that of a linear one follows from its tension, which is more precise.
+        """Compute the energy of all springs; for a linear one it follows from its tension, which is more precise.
 
         Args:
             tension: T, shape (..., S); for M variations (M, T, S), in the plane (..., S, 2) [N].

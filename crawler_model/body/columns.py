@@ -37,7 +37,7 @@ class Columns:
         planar: in the plane, the number of friction directions, 0 for isotropic friction, 4 for a body that turns;
             None on a line.
         index: for each entry of the target, the column from which it is read, shape (S + 2 N,), with loads (S + 3 N,).
-        factor: factor by which that column is multiplied, likewise.
+        factor: factor by which that column is multiplied, of the same shape.
         slope_load: with loads, what the slope adds to the load of each contact, shape (N,), for variations (M, N), in
             the plane (N, 2) [N]; None without loads.
         directions: in the plane, unit vectors of friction directions fixed to the ground, shape (m, 2); None on a line.
@@ -150,7 +150,7 @@ class Columns:
         return aliases
 
     def check_two_sided(self, side: str) -> None:
-        """Check that friction is forward and backward alone.
+        """Check that friction is only forward and backward.
 
         Args:
             side: the side asked for, for the error message.

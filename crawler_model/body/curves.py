@@ -1,6 +1,6 @@
 """Tensions of springs that are not linear: continuous, piecewise linear and non-decreasing.
 
-A bent spring has two of them in parallel, that of its actuator over u = z - L and that of a passive spring over z.
+A bent spring has two of them in parallel, one of its actuator over u = z - L and one of a passive spring over z.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Curve:
         at: the knots, increasing, shape (K,), K > 0 [m].
         value: tensions at the knots, non-decreasing, shape (K,) [N].
         first: slope before the first knot, at least 0 [N/m].
-        last: slope behind the last knot, likewise [N/m].
+        last: slope behind the last knot, at least 0 [N/m].
     """
 
     at: np.ndarray
@@ -199,8 +199,8 @@ class Bend:
         spring: its index.
         actuator: tension over u = z - L.
         passive: tension over z.
-        sliders: Maxwell-slip elements beside both: rows of stiffness [N/m], force at which it yields [N], and force at
-            the start [N]. Tensions and energies here are without them.
+        sliders: Maxwell-slip elements in parallel with both: rows of stiffness [N/m], force at which it yields [N], and
+            force at the start [N]. Tensions and energies here are without them.
         backlash: slack between the command and the actuator, in all [m].
         ahead: how far the actuator is ahead of its command at the start [m].
     """
@@ -257,7 +257,7 @@ class Bend:
 
         Args:
             elongation: z, any shape [m].
-            actuation: L, likewise.
+            actuation: L, of the same shape [m].
 
         Returns:
             Same shape [N].
@@ -269,7 +269,7 @@ class Bend:
 
         Args:
             elongation: z, any shape [m].
-            actuation: L, likewise.
+            actuation: L, of the same shape [m].
 
         Returns:
             Same shape [J].

@@ -189,7 +189,8 @@ def wave(
         position: shape (K,) [m].
 
     Returns:
-        Values, shape (W, K), for variations (M, W, K). After whole periods they are bitwise equal to those at phase 0.
+        Values, shape (W, K), for variations (M, W, K). After whole periods they are bitwise equal to the values at
+        phase 0.
     """
     mean, amplitude, wavelength = (np.asarray(value)[..., None] for value in (mean, amplitude, wavelength))
     angle = 2.0 * np.pi * (np.mod(phase, 1.0)[:, None] - position / wavelength)

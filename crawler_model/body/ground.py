@@ -17,7 +17,7 @@ _NEAR = 16.0 * EPS
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """The walls that stop each contact; the first row of each array is of those ahead, the second of those behind.
+    """The walls that stop each contact; the first row of each array is of walls ahead, the second of walls behind.
 
     Attributes:
         place: the nearest wall, infinite where there is none, shape (2, N) [m].
@@ -51,13 +51,13 @@ class Track:
     """Ground that changes with place: M borders divide the track into M + 1 stretches, and walls end it.
 
     The *place* of a contact is 2 j on stretch j, and 2 j + 1 on the border between stretches j and j + 1. On a border
-    the forward bound is that of the stretch ahead, the backward bound that of the stretch behind.
+    the stretch ahead determines the forward bound, the stretch behind the backward bound.
 
     Attributes:
         borders: positions on the track, increasing, shape (M,) [m].
         grip: factor of each stretch on friction, forward and backward, shape (2, M + 1).
         pressed: further factor of each stretch on friction that follows from the weight, shape (M + 1,).
-        rise: sine of the slope of each stretch less that of the track, shape (M + 1,).
+        rise: sine of the slope of each stretch less the track's, shape (M + 1,).
         follows: whether the friction of each contact follows from its weight, shape (N,).
         weight: of each contact, shape (N,) [N].
         walls: the walls; None without any.
@@ -84,7 +84,7 @@ class Track:
 
     @property
     def tilt(self) -> np.ndarray:
-        """Load that each stretch adds to that of the track's slope, shape (M + 1, N) [N]."""
+        """Load that each stretch adds to the load of the track's slope, shape (M + 1, N) [N]."""
         return np.asarray(-self.weight * self.rise[:, None])
 
     def find_places(self, position: np.ndarray, x: np.ndarray) -> np.ndarray:

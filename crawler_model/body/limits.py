@@ -18,9 +18,9 @@ class Limits:
     Attributes:
         index: their springs or joints, shape (B,).
         low: z - L below which the tension is the least one; -inf without a least one, shape (B,) [m].
-        high: z - L above which it is the largest one, likewise inf, shape (B,) [m].
+        high: z - L above which it is the largest one; inf without a largest one, shape (B,) [m].
         below: state there: -1 slack, at a tension of 0; 1 stalled, at another one; int8, shape (B,).
-        above: likewise, int8, shape (B,).
+        above: the state above `high`, int8, shape (B,).
     """
 
     index: np.ndarray
@@ -34,7 +34,7 @@ class Limits:
 
         Args:
             elongation: z of all springs or joints, shape (..., S) [m].
-            actuation: L, likewise.
+            actuation: L, of the same shape [m].
 
         Returns:
             -1 slack, 1 stalled, 0 neither; int8, shape (..., B).
@@ -44,11 +44,11 @@ class Limits:
         return np.where(u < self.low - near, self.below, np.where(u > self.high + near, self.above, np.int8(0)))
 
     def find_all_states(self, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
-        """Determine the states of all springs or joints, 0 for those without limits.
+        """Determine the states of all springs or joints, 0 for ones without limits.
 
         Args:
             elongation: z, shape (..., S) [m].
-            actuation: L, likewise.
+            actuation: L, of the same shape [m].
 
         Returns:
             As of `find_states`, shape (..., S); shape (..., 0) if none has a limit.
@@ -76,10 +76,10 @@ def build_limits(bends: Sequence[tuple[int, Sequence[Bend]]]) -> Limits:
     """Build the limits of springs, or of joints whose springs share their elongation and their command.
 
     Args:
-        bends: each spring or joint and its bent springs, all of which have the same limits of tension.
+        bends: each spring or joint and its bent springs, all with the same limits of tension.
 
     Returns:
-        The limits of those that have any.
+        The limits of all that have any.
     """
     limited = []
     for index, springs in bends:

@@ -56,7 +56,7 @@ class Play:
             commanded: C of all springs, shape (V, S) [m].
 
         Returns:
-            L of all springs, that of the others as commanded, shape (V, S) [m].
+            L of all springs, for the others as commanded, shape (V, S) [m].
         """
         led = np.array(commanded)
         for row in led:

@@ -2,9 +2,9 @@
 
     E = sum_links k/2 (|p_j - p_i| - l)^2 + sum_joints c/2 wrap(theta_abc - alpha)^2
 
-The turning angle theta_abc at point b is that from the direction a -> b to the direction b -> c: 0 where the three
-points lie on a line, positive where the way turns left. A target holds the changes of l, then those of alpha, then the
-friction of each point against sliding forward, backward, left and right of its frame, then its load.
+The turning angle theta_abc at point b goes from the direction a -> b to the direction b -> c: 0 where the three points
+lie on a line, positive where the way turns left. A target holds the changes of l, then of alpha, then the friction of
+each point against sliding forward, backward, left and right of its frame, then its load.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _RELAXATIONS, _MOST_ITERATIONS = 8, 50
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """What a body that can turn has beside points and links.
+    """What a body that can turn has besides points and links.
 
     Attributes:
         joints: the three points of each joint, the angle at the second, int64, shape (J, 3).
@@ -56,7 +56,7 @@ def wrap(angle: np.ndarray) -> np.ndarray:
         angle: any shape [rad].
 
     Returns:
-        Angles in [-pi, pi]; those that lie there already are unchanged [rad].
+        Angles in [-pi, pi]; angles that lie there already are unchanged [rad].
     """
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
 
@@ -174,7 +174,7 @@ def check_sides(friction: np.ndarray, where: str, error: type[CrawlerError]) -> 
         error: the class of the error.
 
     Raises:
-        CrawlerError: of that class, if a friction is negative, 0 beside others that are not, or far from the others.
+        CrawlerError: of that class, if a friction is negative, is 0 while others are not, or is far from the others.
     """
     for i, each in enumerate(friction):
         given = ", ".join(f"{name} {value:g}" for name, value in zip(SIDES, each, strict=True))
@@ -194,14 +194,14 @@ def relax_shape(
 ) -> np.ndarray:
     """Compute displacements at which links and joints store the least energy: none where they admit it.
 
-    The first point is not displaced, and the heading is that of the reference shape.
+    The first point is not displaced, and the heading stays as in the reference shape.
 
     Args:
         position: reference positions, shape (N, 2) [m].
         ends: the two points of each link, shape (S, 2).
         turning: joints and heading.
         stiffness: of links [N/m], then of joints [N m/rad], shape (S + J,).
-        actuation: changes of rest lengths [m] and rest angles [rad], likewise.
+        actuation: changes of rest lengths [m] and rest angles [rad], of the same shape.
 
     Returns:
         x, shape (N, 2) [m].

@@ -1,8 +1,8 @@
 """A tree of links through all points of a body that turns: from elongations and angles to positions.
 
-The direction of each link of the tree is that of the link before it, turned by the reference angle between them and by
-the change of that angle. The change is that of a joint, or, where no joint connects both links, an angle of its own.
-The first link is turned from the x axis. Links that close a loop are not in the tree.
+The direction of each link of the tree is the direction of the link before it, turned by the reference angle between
+them and by the change of that angle. The change belongs to a joint, or, where no joint connects both links, is an angle
+of its own. The first link is turned from the x axis. Links that close a loop are not in the tree.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _over_joints(
 def _over_any(
     branches: list[Branch], reached: set[int], ends: list[list[int]]
 ) -> tuple[int, int, int, int, int, float]:
-    """Find any link to a new point; its direction is turned from that of the link that reached its start."""
+    """Find any link to a new point; its direction is turned from the link that reached its start."""
     for link, pair in enumerate(ends):
         for start, end in (pair, pair[::-1]):
             if start in reached and end not in reached:

@@ -27,8 +27,8 @@ def write_command(
         before: the row in force, shape (C,); None if only its target is known.
         actuation: of links and segments or joints [m, 1, rad].
         forward: friction; None leaves it unchanged [N, N/m].
-        backward: likewise.
-        loads: likewise.
+        backward: the same.
+        loads: of contacts and segments; None leaves them unchanged [N, N/m].
 
     Returns:
         The row, shape (C,), with NaN for what the command leaves out where no row is in force.

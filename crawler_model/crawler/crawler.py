@@ -33,11 +33,11 @@ class Crawler:
             scene: body, friction, start, and the command in force at the start.
             method: "exact" follows every event, "catch_up" takes one implicit step per ramp; by default exact on a
                 line. In the plane only "catch_up", with steps refined to the scene's tolerance.
-            budget: upper limit of work in one ramp of `exact`: contacts solved (at an event those of the sliding block
-                that changes; in a graph in every round of its active set) plus breakpoints passed in projections; by
-                default 10 000 (N + 1 000). In the plane points in evaluations of steps, by default 200 000 (N + 100).
-                When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it; for a body that
-                turns this is a jump.
+            budget: upper limit of work in one ramp of `exact`: contacts solved (at an event the contacts of the sliding
+                block that changes; in a graph in every round of its active set) plus breakpoints passed in projections;
+                by default 10 000 (N + 1 000). In the plane points in evaluations of steps, by default 200 000 (N +
+                100). When it is exceeded, a catch-up step completes the ramp, and `Step.overspent` counts it; for a
+                body that turns this is a jump.
 
         Raises:
             CommandError: if the method is unknown, or is `exact` in the plane, or the budget is no whole number.
@@ -117,7 +117,7 @@ class Crawler:
 
     @property
     def backward(self) -> np.ndarray:
-        """mu_minus in force, likewise, shape (N,) [N]; for bodies on a line."""
+        """mu_minus in force, shape (N,) [N]; for bodies on a line."""
         self.scene.columns.check_two_sided("backward")
         return frozen(self._state.friction[self.body.contacts :])
 
@@ -167,8 +167,8 @@ class Crawler:
     def stability_margin(self) -> float | None:
         """Least stability margin of the last command [1]; None for bodies that do not turn.
 
-        It is measured where the steps along the command end. Below 0 a small deviation grows along the path, as that of
-        a contact that is pushed.
+        It is measured where the steps along the command end. Below 0 a small deviation grows along the path, as when a
+        contact is pushed.
         """
         return getattr(self._state, "stability_margin", None)
 
@@ -216,7 +216,7 @@ class Crawler:
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy the scene and the state alone: kernels are compiled for read-only arrays, which copies would not be."""
+        """Copy only the scene and the state: kernels are compiled for read-only arrays, which copies would not be."""
         return Crawler, (self.scene, self.method, self.budget), (self._state, self._row)
 
     def __setstate__(self, state: tuple[State, np.ndarray | None]) -> None:
@@ -266,9 +266,9 @@ class Crawler:
 
         Args:
             actuation: as for `advance`.
-            forward: likewise.
-            backward: likewise.
-            loads: likewise.
+            forward: as for `advance`.
+            backward: as for `advance`.
+            loads: as for `advance`.
 
         Returns:
             L of every spring, mu_plus and mu_minus of every contact, shape (S + 2 N,).
@@ -310,7 +310,7 @@ class Crawler:
                 shape (links, 2), of a body that turns of each link, then of each joint [rad], shape (links + joints,).
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
                 the plane the friction of each contact, of a body that turns forward, backward, left and right of each.
-            backward: mu_minus, likewise; not in the plane.
+            backward: mu_minus, of the same shape; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
                 (N, 2); None leaves it unchanged. Only for scenes with loads.
 

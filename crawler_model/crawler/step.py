@@ -88,7 +88,7 @@ class Step:
 
     @property
     def jump_loss(self) -> float:
-        """Energy lost in jumps, beside that lost to friction [J]."""
+        """Energy lost in jumps, not to friction [J]."""
         return math.fsum(jump.loss for jump in self.jumps)
 
     @property

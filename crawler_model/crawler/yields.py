@@ -52,7 +52,7 @@ class YieldTimes:
 
         Args:
             elongation: z of each joint at their ends, shape (K, J) [m].
-            lengths: L of each joint, the sum over its springs, likewise.
+            lengths: L of each joint, the sum over its springs, of the same shape [m].
             ns: their durations, shape (K,) [ns].
         """
         found = self._limits.find_states(elongation, lengths)
@@ -63,7 +63,7 @@ class YieldTimes:
         """List how long links were slack or stalled.
 
         Returns:
-            By the name of the link or segment `slack`, if it can be that, and `stalled`, likewise [s].
+            By the name of the link or segment `slack` and `stalled`, each if it can be that [s].
         """
         self._settle()
         found: dict[str, dict[str, float]] = {name: {} for name in self._names}

@@ -18,7 +18,7 @@ class Jump:
         border: position of the border on the track [m]; None for a body that turns.
         distance: from the border to where the contact came to rest or to the next border, towards +x positive; of a
             body that turns, how far the contact moved that moved farthest [m].
-        loss: energy lost beside that lost to friction, >= 0 [J].
+        loss: energy lost in addition to friction, >= 0 [J].
     """
 
     ramp: int

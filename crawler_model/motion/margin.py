@@ -30,8 +30,8 @@ def visited_margins(force: ArrayLike, forward: ArrayLike, backward: ArrayLike) -
 
     Args:
         force: spring force g on each contact, shape (..., N) [N].
-        forward: mu_plus, likewise.
-        backward: mu_minus, likewise.
+        forward: mu_plus, of the same shape [N].
+        backward: mu_minus, of the same shape [N].
 
     Returns:
         Shape (...,) [1].

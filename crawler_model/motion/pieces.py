@@ -1,4 +1,4 @@
-"""The linear pieces of an exact path, noted by the event loops for those who ask for them.
+"""The linear pieces of an exact path, noted by the event loops on request.
 
 Without rows nothing is noted, and nothing is spent. A piece is a row with the velocities of all contacts. Where most of
 them slide on at an event, the changes of contacts may be noted instead.
@@ -25,7 +25,7 @@ PIECES_A_RAMP = 16
 """Pieces of a ramp for which there is room at first."""
 
 NO_PIECES = np.zeros((0, 0))
-"""For those who do not ask."""
+"""Where nothing is requested."""
 
 
 _CHANGES_A_RAMP = 6

@@ -26,8 +26,8 @@ from ..compiled import lean
     INTERNAL,
 ) = range(15)
 """Entries of the account: the first three, the gains, the rounding, LOADS_WORK and INTERNAL are sums, VISITED is a
-minimum, the others are maxima or counts. DISSIPATION is that of the shifted bounds: friction dissipates DISSIPATION +
-LOADS_WORK. INTERNAL is that of springs with hysteresis."""
+minimum, the others are maxima or counts. DISSIPATION belongs to the shifted bounds: friction dissipates DISSIPATION +
+LOADS_WORK. INTERNAL belongs to springs with hysteresis."""
 ACCOUNT_SIZE = 15
 
 

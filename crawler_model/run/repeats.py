@@ -63,7 +63,7 @@ def determining_stiffness(body: Body) -> np.ndarray:
 
 
 def _remembering(body: Body) -> np.ndarray:
-    """List the springs of the elements of hysteresis, then those of the actuators with backlash, shape (H + B,)."""
+    """List the springs of the elements of hysteresis, then of the actuators with backlash, shape (H + B,)."""
     sliders = list_sliders(body.bends)[:, 0].astype(np.int64)
     return sliders if body.play is None else np.concatenate((sliders, body.play.springs))
 

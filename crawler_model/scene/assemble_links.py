@@ -113,7 +113,7 @@ def _ahead_at_start(parts: SceneParts, body: Body) -> list[float]:
 
 
 def _list_parts(parts: BodyPart, body: Body) -> list[Any]:
-    """List the part of each link, then those of the segments."""
+    """List the part of each link, then of each segment."""
     links, count = parts.links, body.link_springs.size
     each: list[Any] = [links] * count if isinstance(links, LinksPart) else list(links or ())
     return each + list(parts.segments)

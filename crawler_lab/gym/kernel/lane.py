@@ -253,7 +253,7 @@ def command_one(lane, clock, action, floats, ints):
         clock: its whole numbers.
         action: rates, shape (A,).
         floats: shared numbers, see `open_plan`.
-        ints: shared whole numbers, likewise.
+        ints: shared whole numbers, see `open_plan`.
     """
     command(lane, clock, action, open_plan(floats, ints))
 
@@ -267,7 +267,7 @@ def observe_some(lanes, clocks, which, floats, ints, first, logs):
         clocks: whole numbers of each, shape (M, 4), changed in place.
         which: the environments, shape (K,).
         floats: shared numbers, see `open_plan`.
-        ints: shared whole numbers, likewise.
+        ints: shared whole numbers, see `open_plan`.
         first: whether this is the start of their episodes.
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """

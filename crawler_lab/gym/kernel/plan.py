@@ -19,7 +19,7 @@ from crawler_model.compiled import inner
     TARGET,  # the same for the kernels
     ACCOUNT,  # account of the last ramp
     JOINTS,  # readings of the root and the joints: positions, velocities, efforts
-    FEET,  # readings of the contacts, likewise
+    FEET,  # readings of the contacts: positions, velocities, efforts
     MEMORY,  # what the task remembers: place, then the three entries below
     QUEUE,  # the last actions, as many as the largest delay needs
     SIGMA,  # standard deviation of the noise of the sensors, relative to their scales
@@ -90,7 +90,7 @@ class Plan(NamedTuple):
 FLOATS = ("limits", "factor", "weights", "spans", "task")
 INTS = ("of", "column", "stations", "observed")
 """The parts of the numbers, and of the whole numbers, that all lanes share, in their order. Before the latter stand the
-settings, the offsets of the parts of a lane, and those of both."""
+settings, the offsets of the parts of a lane, and the offsets of both."""
 
 
 @inner

@@ -48,7 +48,7 @@ def advance(c, ramp, s):
         return
     middle = 0.5 * (begin + s)
     distance = c.v * ds
-    if c.fallen != 0 and begin < 0.0:  # in a fall: what its bound exceeds that of the ground by
+    if c.fallen != 0 and begin < 0.0:  # in a fall: by how much its bound exceeds the ground's
         c.lost += middle * (c.d_forward if c.v > 0.0 else -c.d_backward) * distance
     if c.v > 0.0:
         ramp.dissipation += (c.forward + middle * c.d_forward) * distance

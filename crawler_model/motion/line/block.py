@@ -18,7 +18,7 @@ from .springs.bends import is_flat
 from .springs.parts import find_pull
 
 BEGINS = 1e-300
-"""Velocity of a contact that begins to slide, until that of its block is known: its sign tells where to."""
+"""Velocity of a contact that begins to slide, until its block's is known: its sign tells where to."""
 
 
 @inlined
@@ -31,7 +31,7 @@ def settle(c, ramp):
 
 @inlined
 def list_contact(contacts, block, i, count):
-    """List a contact among those around which rates change, unless it is listed.
+    """List a contact among the contacts around which rates change, unless it is listed.
 
     Args:
         block: BLOCK, which holds the list.
@@ -123,7 +123,7 @@ def _enter_spring(springs, e, ramp, j, sign):
 
 @lean
 def _leave_by(c, springs, model, came):
-    """Find the end of a contact of at most two springs that is not that of the spring `came`; -1 if none leads on."""
+    """Find the end of a contact of at most two springs that is not on the spring `came`; -1 if none leads on."""
     for k in range(c.first, c.last):
         spring = model.ends[k].spring
         if spring != came and not is_flat(springs[spring], model.curves):

@@ -27,8 +27,8 @@ SOON = 2
 """Visits of a row, for each contact of a path, after which it is solved by `project`, whence the search for sides goes
 on. An implicit step begins with it: it is far from the velocities before it, while an event changes few of them."""
 PATIENCE = 10
-"""Rounds, beside one for each contact, without fewer violations before contacts are exchanged one by one: sliding may
-spread from both ends of a body by one contact a round."""
+"""Rounds, in addition to one for each contact, without fewer violations before contacts are exchanged one by one:
+sliding may spread from both ends of a body by one contact a round."""
 FEW_CONTACTS = 256
 """Contacts up to which the margin is computed and all parts are looked at for critical states at every event. In larger
 bodies the margin is computed at the ends of ramps, and only parts in which rates are new are looked at."""
@@ -93,7 +93,7 @@ def build_memory(body: Body) -> tuple[Any, ...]:
         body: the body.
 
     Returns:
-        The fields of a `Model` without ground; beside the ends of springs they hold no data between calls.
+        The fields of a `Model` without ground; only the ends of springs hold data between calls.
     """
     n, count = body.contacts, body.springs
     at = body.ends.T.ravel()

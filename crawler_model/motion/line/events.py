@@ -1,7 +1,7 @@
 """A ramp followed from event to event.
 
 Between events every contact is free (strictly inside its bounds, at rest) or at a bound, and the rates of forces and
-displacements are constant. A free contact is a wall: an event changes the rates of the block around it alone.
+displacements are constant. A free contact is a wall: an event changes only the rates of the block around it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .tournament import find_earliest, schedule
 
 @lean
 def _touch_wall(contacts, springs, model, ramp, i):
-    """Find the rate of the force on a wall from those of its springs, and its next event."""
+    """Find the rate of the force on a wall from the rates of its springs, and its next event."""
     c = contacts[i]
     if ramp.falling:
         draw(contacts, model, model.ground, ramp, i)
@@ -164,7 +164,7 @@ def solve_listed(contacts, springs, model, ramp, count):
     """Solve for the rates of the blocks around the listed contacts at s, and update all that depends on them.
 
     Args:
-        count: how many contacts are listed. Those inside their bounds are in no block, except in an implicit step.
+        count: how many contacts are listed. Contacts inside their bounds are in no block, except in an implicit step.
 
     Returns:
         False as soon as no rates are found.
@@ -192,7 +192,7 @@ def _list_blocks(contacts, model, ramp, count):
 
 @lean
 def _stop(contacts, springs, model, ramp, i, count):
-    """List the contacts at bounds beside one that has stopped at a border; springs to those at rest keep their ends."""
+    """List the contacts at bounds next to one that has stopped at a border; springs to free ones keep their ends."""
     c = contacts[i]
     for k in range(c.first, c.last):
         o = contacts[model.ends[k].other]
@@ -239,7 +239,7 @@ def _meet(contacts, springs, model, ramp):
 
 @inlined
 def _touch_stopped(contacts, springs, model, ramp, count):
-    """Find the next events of the listed contacts that have stopped, and of those at rest beside them."""
+    """Find the next events of the listed contacts that have stopped, and of their neighbours at rest."""
     for j in range(count):
         i = model.block[j].hit
         contacts[i].listed = 0
@@ -285,7 +285,7 @@ def _give_up(contacts, springs, model, ramp, count):
 
 @lean
 def _is_over(contacts, springs, ramp):
-    """Determine whether the rest of the ramp changes forces by rounding alone, and end it there if so.
+    """Determine whether the rest of the ramp changes forces only by rounding, and end it there if so.
 
     Friction that vanishes with the ramp then holds to its end, and what is loose behind it stays where it is.
     """

@@ -74,7 +74,7 @@ def _begin(contacts, springs, model, ramp, target):
 
 @inlined
 def _finish_contacts(contacts, model, ramp, target, springs):
-    """Advance contacts to the end of what was followed of the ramp, and set bounds and loads to those there."""
+    """Advance contacts to the end of what was followed of the ramp, and set bounds and loads to their values there."""
     n, bounds = contacts.shape[0], target[springs:]
     for i in range(n):
         c = contacts[i]
@@ -97,9 +97,9 @@ def _softest(springs, ends, c):
 def _finish_spring(contacts, springs, spring, model, ramp, length):
     """Advance a spring to the end of what was followed of the ramp; returns its energy.
 
-    Its tension is integrated, and kept as near to that of its elongation as the rounding of displacements allows; that
-    of a stiff spring beside soft ones is a difference of large numbers. What it is corrected by for this is an error of
-    forces, which soft springs beside it turn into one of displacements.
+    Its tension is integrated, and kept as near to the tension of its elongation as the rounding of displacements
+    allows; for a stiff spring among soft ones, this is a difference of large numbers. The correction is an error of
+    forces, which neighbouring soft springs turn into an error of displacements.
     """
     a, b = contacts[spring.a], contacts[spring.b]
     if not finish_bend(contacts, spring, model.curves, ramp, length):
@@ -127,8 +127,8 @@ def _finish_spring(contacts, springs, spring, model, ramp, length):
 def _certify(contacts, springs, model, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
 
-    The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions,
-    as is that which the corrections of tensions lead to.
+    The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions;
+    so is the displacement that the corrections of tensions lead to.
     """
     rounding, wrong = ramp.corrected, 0.0
     for i in range(contacts.shape[0]):

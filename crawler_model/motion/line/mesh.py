@@ -1,9 +1,9 @@
 """Rates in any block, from the velocities: its springs eliminated like a network of resistors (star-mesh transform).
 
 Conductances are only added, never subtracted. Commanded rates of stiff springs nearly cancel, though: with large ratios
-of stiffness, the velocities that they lead to are corrected once by those that the exact residual forces lead to, or
-digits would be lost. The contacts of a block are numbered as a narrow band (reverse Cuthill-McKee); row r of the matrix
-holds the conductances to the rows behind it.
+of stiffness, the resulting velocities are corrected once by the exact residual forces, or digits would be lost. The
+contacts of a block are numbered as a narrow band (reverse Cuthill-McKee); row r of the matrix holds the conductances to
+the rows behind it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .path import limit_of
 
 @lean
 def _connect(contacts, springs, model, matrix, count):
-    """Enter the springs between sliding contacts in the matrix, and those to contacts at rest as conductances."""
+    """Enter the springs between sliding contacts in the matrix, and springs to contacts at rest as conductances."""
     block, ends = model.block, model.ends
     for r in range(count):
         e = block[r]
@@ -135,9 +135,9 @@ def _correct(contacts, springs, model, matrix, count):
 
 @lean
 def solve_mesh(contacts, springs, model, matrix, ramp, count):
-    """Solve for the velocities of the sliding contacts of a block and the rates of the forces on those at rest.
+    """Solve for the velocities of the sliding contacts of a block and the rates of the forces on its contacts at rest.
 
-    An implicit step is not corrected: it finds forces, not their rates, and flat springs are left out of those.
+    An implicit step is not corrected: it finds forces, not their rates, and these forces leave flat springs out.
 
     Args:
         model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.

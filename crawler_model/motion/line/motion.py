@@ -36,7 +36,7 @@ class LineState:
         feet: FOOT, shape (N,); None without patches of ground.
         sliders: SLIDER, shape (H,); None without springs with hysteresis.
         led: the commanded lengths of actuators with backlash, as in `Play`, shape (B,) [m]; None without any.
-        play: the play of these; None likewise.
+        play: the play of these; None without any.
     """
 
     contacts: np.ndarray
@@ -217,7 +217,7 @@ class LineMotion:
         return ramps, build.build_memory(self.body)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
-        """Find the fields of a `Model` for a state: those of the memory, and the sliders of the state.
+        """Find the fields of a `Model` for a state: the memory's fields, and the sliders of the state.
 
         Args:
             state: the state, on ground without patches.

@@ -1,4 +1,4 @@
-"""What is noted of a path for those who ask, see `motion.pieces`: its pieces, or the changes of contacts.
+"""What is noted of a path on request, see `motion.pieces`: its pieces, or the changes of contacts.
 
 A change is noted where it is found, so its cost does not depend on the number of contacts.
 """

@@ -27,7 +27,7 @@ def elongation_rate(flow, trial, compliance):
 
 @inlined
 def limit_of(e):
-    """Return the rate of the force on a sliding contact: that of the bound that it slides at.
+    """Return the rate of the force on a sliding contact, which is the rate of the bound that it slides at.
 
     Args:
         e: a BLOCK.
@@ -94,8 +94,8 @@ def _slide_run(block, first, stop, flow):
 def _close_run(block, first, stop):
     """Compute the velocities of a run from both contacts at rest up to its softest spring, if that is much softer.
 
-    A soft spring turns the rounding of its tension into one of its elongation. It must not be added to the velocities
-    behind the spring: the tension of a stiff spring there would no longer be that of its length.
+    A soft spring turns the rounding of its tension into an error of its elongation. It must not be added to the
+    velocities behind the spring: the tension of a stiff spring there would no longer fit its length.
     """
     softest, least = first, block[first].compliance
     for j in range(first + 1, stop + 1):
@@ -112,7 +112,7 @@ def _close_run(block, first, stop):
 
 @inlined
 def solve_path(block, count):
-    """Solve for the velocities of the sliding contacts of a path and the rates of the forces on those at rest.
+    """Solve for the velocities of the sliding contacts of a path and the rates of the forces on its contacts at rest.
 
     Row j of the block holds contact j and the spring before it; row `count` holds the spring after the last contact.
 

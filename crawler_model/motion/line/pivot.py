@@ -3,7 +3,7 @@
 The rates in a block solve a complementarity problem: a contact at its forward bound either slides forward, its force
 moving along the bound, or rests with a force that rises no faster than the bound. An implicit step is the same problem
 for the whole body with forces instead of rates. The search exchanges all contacts that violate their condition; where
-that does not reduce their number, the last one alone (Murty's rule), which ends for every body that something holds.
+that does not reduce their number, only the last one (Murty's rule), which ends for every body that something holds.
 """
 
 from __future__ import annotations

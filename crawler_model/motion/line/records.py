@@ -1,7 +1,7 @@
 """The records of the engine: what is known of a contact, a spring, an end of a spring, a block and a ramp.
 
 Each is a numpy structured array; kernels take it whole and read `contacts[i].force_rate`. Within a ramp, quantities
-change linearly in the place s on the ramp, 0 .. 1: rates are per unit of s. What a field means is stated here alone.
+change linearly in the place s on the ramp, 0 .. 1: rates are per unit of s. What a field means is stated only here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
 between them is a point."""
 AHEAD, BEHIND, KNOT, WALL = 4, 8, 16, 32
-"""What a contact comes to at its next event, beside a bound: the border ahead or the border behind, a spring that
+"""What a contact comes to at its next event, besides a bound: the border ahead or the border behind, a spring that
 begins at it a knot, or a wall."""
 
 CONTACT_STATE = [
@@ -27,7 +27,7 @@ CONTACT_STATE = [
     ("forward", _FLOAT),  # largest spring force that holds the contact, at s = 0 [N]
     ("backward", _FLOAT),  # largest spring force in the other direction, at s = 0 [N]
     ("load", _FLOAT),  # force along the ground, at s = 0, contained in both bounds [N]
-    ("v", _FLOAT),  # velocity; between ramps that of the last one, whose sign begins the search for the next
+    ("v", _FLOAT),  # velocity; between ramps the last one's, whose sign begins the search for the next
     ("at", _BYTE),  # bounds that the spring force is at, as bits
 ]
 """Fields of a contact that last from ramp to ramp: they, and the fields of a spring, are the state of a body."""
@@ -38,10 +38,10 @@ CONTACT = np.dtype(
         ("side", _BYTE),  # bound that the force moves along until the next event: 1 forward, -1 backward, 0 none
         ("leaving", _BYTE),  # bounds that it leaves as soon as s has increased
         ("coming", _BYTE),  # bound or border that its next event reaches
-        ("noted", _BYTE),  # its state as last noted for those who ask for changes, see `motion.pieces`
-        ("listed", _BYTE),  # whether it is among those around which rates change
-        ("fallen", _BYTE),  # bounds that the ground does not hold, as bits: they fall to those of the ground in a jump
-        ("lost", _FLOAT),  # energy lost in the present jump, beside that lost to friction [J]
+        ("noted", _BYTE),  # its state as last noted where changes are asked for, see `motion.pieces`
+        ("listed", _BYTE),  # whether it is among the contacts around which rates change
+        ("fallen", _BYTE),  # bounds that the ground does not hold, as bits: they fall to the ground's in a jump
+        ("lost", _FLOAT),  # energy lost in the present jump, not to friction [J]
         ("d_forward", _FLOAT),  # change of the bounds and of the load along the ramp [N]
         ("d_backward", _FLOAT),
         ("d_load", _FLOAT),
@@ -102,7 +102,7 @@ FOOT = np.dtype(
     ],
     align=True,
 )
-"""What is known of a contact beside CONTACT where there are patches of ground or walls."""
+"""What is known of a contact besides CONTACT where there are patches of ground or walls."""
 
 FOOT_STATE = ("place", "forward", "backward", "load", "walled")
 """Fields of a foot that last from ramp to ramp."""
@@ -136,7 +136,7 @@ BLOCK = np.dtype(
         ("run", _INT),  # sleeping run whose last contact that is, see `runs`; -1 if the row is one contact
         ("side", _BYTE),  # as of a contact, during the search
         ("upper", _FLOAT),  # largest rate of the force that keeps the contact within its bounds; infinite if free [N]
-        ("lower", _FLOAT),  # least rate of the force, likewise [N]
+        ("lower", _FLOAT),  # least such rate [N]
         ("blur", _FLOAT),  # sum of the bounds whose change the limits are, the scale of their rounding [N]
         ("load", _FLOAT),  # rate of the force if no contact moves [N]
         ("v", _FLOAT),  # velocity that is found [m]
@@ -155,7 +155,7 @@ BLOCK = np.dtype(
         ("rough", _FLOAT),  # velocity before its correction [m]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
-        ("member", _INT),  # contacts, those of each part together, see `parts`
+        ("member", _INT),  # contacts, part by part, see `parts`
         ("part", _INT),  # of contact i: number of its part, in the list of all the place of its first contact
         ("hit", _INT),  # contacts around which rates change
         ("drawn", _INT),  # contacts that take part in the present fall
@@ -170,12 +170,12 @@ BREAK = np.dtype([("at", _FLOAT), ("slope", _FLOAT), ("jump", _FLOAT)], align=Tr
 
 RUN = np.dtype(
     [
-        ("first", _INT),  # its contacts are first .. last, its springs those before each of them
+        ("first", _INT),  # its contacts are first .. last, each with the spring before it
         ("last", _INT),
         ("parent", _INT),  # run that it is part of, -1 if there is none
         ("child", _INT),  # first of the runs that it consists of, -1 for a leaf
         ("whole", _BYTE),  # whether it has as many parts as others, and a spring before it
-        ("sleeps", _BYTE),  # whether its contacts are followed as one; those of a part of a sleeping run sleep, too
+        ("sleeps", _BYTE),  # whether its contacts are followed as one; contacts of a part of a sleeping run sleep, too
         ("mark", _LONG),  # number of the block that it was last in
         ("compliance", _FLOAT),  # of all its springs together [m/N]
         ("stretch", _FLOAT),  # velocity that its springs add if the rate of the tension before it is zero [m]
@@ -201,7 +201,7 @@ RUN = np.dtype(
 """A run of contacts of a long chain."""
 
 SEVERAL = 2
-"""What `shifted` of a RAMP is where several translations are admissible."""
+"""Value of `shifted` in a RAMP where several translations are admissible."""
 RAMP = np.dtype(
     [
         ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
@@ -216,15 +216,15 @@ RAMP = np.dtype(
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _LONG),  # number of the present block, increasing
         ("rows", _INT),  # number of its rows
-        ("anchored", _BYTE),  # whether contacts at rest beside the present block hold it
+        ("anchored", _BYTE),  # whether contacts at rest next to the present block hold it
         ("parted", _BYTE),  # whether the parts of the body are known
         ("slides", _INT),  # how often contacts that nothing holds slid to knots
         ("passed", _INT),  # knots passed at s
         ("loose", _INT),  # 1 + a contact of a block that nothing holds; < 0 if that slides backward, 0 if there is none
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
-        ("before", _INT),  # contacts at rest beside the path, -1 where it ends
+        ("before", _INT),  # contacts at rest next to the path, -1 where it ends
         ("behind", _INT),
-        ("reach", _INT),  # contacts at rest beside each other that it may contain at an end
+        ("reach", _INT),  # neighbouring contacts at rest that it may contain at an end
         ("guards", _BYTE),  # ends of the path that neighbours at rest continue: BACKWARD, FORWARD
         ("woken", _BYTE),  # whether runs of the block woke, so that it must be found anew
         ("asleep", _BYTE),  # whether runs may be asleep
@@ -238,7 +238,7 @@ RAMP = np.dtype(
         ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
         ("last", _INT),
         ("present", _INT),  # its number
-        ("parts", _INT),  # number of the last part that was listed alone, < 0
+        ("parts", _INT),  # number of the last part that was listed by itself, < 0
         ("slower", _FLOAT),  # change of the net velocity by other translations of the present stretch [m]
         ("faster", _FLOAT),
         ("strays", _BYTE),  # whether contacts of a body with bent springs could be elsewhere, see `critical.interval`
@@ -278,7 +278,7 @@ RAMP = np.dtype(
         ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
         ("drawn", _INT),  # number of contacts that take part in the present fall
         ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
-        ("span", _FLOAT),  # a length whose rounding is that of all positions [m]
+        ("span", _FLOAT),  # a length that rounds like all positions [m]
         ("jumps", _INT),  # number of jumps of the present call
         ("lost", _FLOAT),  # energy lost in jumps [J]
     ],
@@ -323,15 +323,15 @@ class Terrain(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What kernels need beside contacts, springs and the ramp; Python passes it as a plain tuple, which is faster."""
+    """What kernels need besides contacts, springs and the ramp; Python passes it as a plain tuple, which is faster."""
 
     ends: np.ndarray
-    """END, two of each spring, those of a contact together, shape (2 S,)."""
+    """END, two of each spring, contact by contact, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
-    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing of chains alone."""
+    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray
@@ -339,6 +339,6 @@ class Model(NamedTuple):
     ground: Any
     """The `Terrain`; None without patches, where nothing of it is compiled."""
     runs: Any
-    """RUN, leaves first, shape (R,); None for short chains and other bodies, likewise."""
+    """RUN, leaves first, shape (R,); None for short chains and other bodies, where nothing of it is compiled."""
     curves: Any
-    """The `Curves`; None if all springs are linear, likewise."""
+    """The `Curves`; None if all springs are linear, where nothing of it is compiled."""

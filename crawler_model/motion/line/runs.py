@@ -10,7 +10,7 @@ by side make a larger one. A block of n contacts then has some log n rows.
 
 A sleeping run integrates over s its velocity and its rate, and s times each of them; displacements, tensions and work
 follow when it wakes. It wakes when one of its contacts may turn round: v_i differs from what it was when last looked at
-by the change of v_before and that of the rate, times at most the compliance of the run.
+by the change of v_before and by the change of the rate, times at most the compliance of the run.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _begin_run(run, ramp, v, rate):
 
 @lean
 def _find_bounds(run, v, rate):
-    """Bound the velocities of the contacts of a run: of those that slide forward from below, of others from above."""
+    """Bound the velocities of the contacts of a run: from below where they slide forward, else from above."""
     change = v - run.seen_v
     other = change + (rate - run.seen_rate) * run.compliance
     return run.least + min(change, other), run.most + max(change, other)
@@ -124,7 +124,7 @@ def _wake_within(contacts, springs, runs, ramp, first, last):
 
 @lean
 def wake_all(contacts, springs, runs, ramp):
-    """Wake all runs: their contacts are moved, and their account is added to that of the ramp.
+    """Wake all runs: their contacts are moved, and their account is added to the ramp's.
 
     Returns:
         Whether any were asleep; blocks found before must then be found anew.
@@ -276,7 +276,7 @@ def _form_leaf(contacts, springs, block, run, ramp, j):
 
 @lean
 def _join(runs, ramp, k):
-    """Let run k and those beside it fall asleep as one if all of them sleep in this block; likewise that one."""
+    """Let run k and its siblings fall asleep as one run if all of them sleep in this block, and so on upwards."""
     p = runs[k].parent
     while p >= 0 and runs[p].whole and runs[p].child + ramp.fan - 1 == k:
         parent = runs[p]

@@ -32,8 +32,8 @@ def _keep_step(contacts, springs, model, count):
 def _solve_step(contacts, springs, model, curves, ramp):
     """Solve for the part of an implicit step that `ramp.part` tells; returns False if no solution was found.
 
-    Flat springs divide the body, and each part is solved alone. Where the solution leads bent springs beyond knots, it
-    is solved anew with their pieces there (Newton's method for a piecewise linear function).
+    Flat springs divide the body, and each part is solved by itself. Where the solution leads bent springs beyond knots,
+    it is solved anew with their pieces there (Newton's method for a piecewise linear function).
     """
     n = contacts.shape[0]
     ramp.undetermined = 0

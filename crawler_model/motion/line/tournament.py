@@ -30,7 +30,7 @@ def find_winners(contacts: int) -> np.ndarray:
         contacts: number of contacts N.
 
     Returns:
-        Shape (N,); that of node 0, which is none, has no meaning.
+        Shape (N,); the entry of node 0, which is none, has no meaning.
     """
     node = np.maximum(np.arange(contacts), 1)
     while (node < contacts).any():

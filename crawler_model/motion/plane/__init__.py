@@ -5,7 +5,7 @@ Kernels name their arguments alike; a docstring lists only what it adds to this:
 Args:
     frame: a `Frame`, the body.
     command: the commands in force, as in a target, shape (C,).
-    target: those at the end of the ramp, shape (C,).
+    target: commands at the end of the ramp, shape (C,).
     x: displacements, shape (N, 2) [m].
     base: displacements at the start of the step, shape (N, 2) [m].
     moved: last displacements of the points, shape (N, 2) [m].

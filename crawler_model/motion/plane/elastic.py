@@ -57,7 +57,7 @@ def stretch(frame, command, x, k):
 
 @entry
 def pull(frame, command, x, force, size):
-    """Compute the force that friction balances on each point: that of links, joints and loads.
+    """Compute the force that friction balances on each point: the force of links, joints and loads.
 
     Args:
         force: output, shape (N, 2) [N].
@@ -110,7 +110,7 @@ def is_balanced(frame, command, x, spent, residual, limits):
     Args:
         spent: all energies that were spent, stored or gained [J].
         residual: of these [J].
-        limits: error of the displacements [m], and that of the energies as a part of them [1].
+        limits: error of the displacements [m], and of the energies as a part of them [1].
 
     Returns:
         Whether it is; otherwise the body has jumped.
@@ -127,7 +127,7 @@ def balances(frame, command, x, account, loss, allowed):
     """Determine whether the energies of a part of a ramp balance closely.
 
     Args:
-        account: of that part alone.
+        account: of only that part.
         loss: what is not stored, dissipated or done by loads [J].
         allowed: error of the displacements [m].
 
@@ -145,7 +145,7 @@ def stiffen(frame, command, x, k, block):
     The direction of an arm e has the second derivative (d e' + e d') / |e|^4, up to its sign, with d across e.
 
     Args:
-        k: the spring, of a vector spring that of its x component.
+        k: the spring; for a vector spring, the spring of its x component.
         block: output, shape (6, 6) [N/m].
     """
     stiffness = frame.stiffness[k]
@@ -170,7 +170,7 @@ def stiffen(frame, command, x, k, block):
     for arm in range(2):
         e0, e1 = span(frame, x, frame.points[k, arm], frame.points[k, arm + 1])
         square = (e0 * e0 + e1 * e1) ** 2
-        sign = force if arm == 1 else -force  # the angle is the direction of the second arm minus that of the first
+        sign = force if arm == 1 else -force  # the angle is the direction of the second arm minus the first's
         xx = sign * 2.0 * e0 * e1 / square
         _add_arm(block, arm, xx, sign * (e1 * e1 - e0 * e0) / square, -xx)
 

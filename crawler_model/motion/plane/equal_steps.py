@@ -57,8 +57,8 @@ def find_stop(velocity, part, total, last, pieces, negligible):
     """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
 
     Steps do not show a point that stops and moves back, unless it moves back by more than it moves forward in one of
-    them. Its velocity is taken to change evenly, from that at the start or the mean of the other steps to that of the
-    last step; and, where there are other steps, like the parabola that has all three.
+    them. Its velocity is taken to change evenly to the last step's, from its value at the start or from the mean of the
+    other steps; and, where there are other steps, like the parabola that has all three.
 
     Args:
         velocity: at the start, shape (N, 2) [m per unit of the way].

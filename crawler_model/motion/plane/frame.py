@@ -33,7 +33,7 @@ class Frame(NamedTuple):
             shape (K,).
         shortest: the length of the shortest link, 0 for vector springs [m].
         guide: the two points whose direction is the axis of a point's friction, int64, shape (N, 2); twice the point
-            itself where the axis is that of the ground.
+            itself where the axis is fixed to the ground.
         offset: angle from that direction to the axis, shape (N,) [rad].
         along_velocity: whether friction follows the law of the snake literature.
         order: the points, neighbours close to each other, int64, shape (N,).
@@ -108,7 +108,7 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
 
 
 def _order(pairs: np.ndarray, n: int) -> np.ndarray:
-    """Order points so that those of the pairs are close to each other."""
+    """Order points so that the two points of each pair are close to each other."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 

@@ -74,7 +74,7 @@ def _measure_step(frame, command, base, x):
 
 @lean
 def _keep_path(frame, command, x, base, force, path):
-    """Write how points moved last, of those that move or are about to: their force is on the boundary of its set."""
+    """Write how points moved last, if they move or are about to: their force is on the boundary of its set."""
     for i in range(x.shape[0]):
         if x[i, 0] != base[i, 0] or x[i, 1] != base[i, 1]:
             path[i, 0] = x[i, 0] - base[i, 0]
@@ -102,7 +102,8 @@ def jump(frame, state, target, part, moved, account):
         part: part of the way to the target at which the body jumps.
 
     Returns:
-        Whether there is one; the contact that moved farthest, how far [m], and the energy lost beside friction [J].
+        Whether there is one; the contact that moved farthest, how far [m], and the energy lost in addition to friction
+        [J].
     """
     x, gained, command, yaw = state
     n = x.shape[0]

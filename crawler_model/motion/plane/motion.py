@@ -74,7 +74,7 @@ class PlaneMotion:
         return state
 
     def expand(self, targets: np.ndarray) -> np.ndarray:
-        """Repeat the friction of each disc for its four sides: kernels know quarter ellipses alone.
+        """Repeat the friction of each disc for its four sides: kernels know only quarter ellipses.
 
         Args:
             targets: rows as in `Columns.target`, or derivatives of such rows, shape (V, F, ...).
@@ -274,7 +274,7 @@ class PlaneMotion:
 
 @functools.lru_cache
 def _columns_of(width: int, first: int, discs: int) -> np.ndarray:
-    """List the columns of a target, four times those of the frictions of discs."""
+    """List the columns of a target, and the frictions of discs four times."""
     times = np.ones(width, np.int64)
     times[first : first + discs] = 4
     return np.repeat(np.arange(width), times)

@@ -61,7 +61,7 @@ def time_to_edge(frame, command, later, i, before, after):
     Args:
         later: the command after a unit of time.
         before: forces on all points, shape (N, 2) [N].
-        after: those after a unit of time, shape (N, 2) [N].
+        after: forces after a unit of time, shape (N, 2) [N].
 
     Returns:
         The time; infinite if never [1].

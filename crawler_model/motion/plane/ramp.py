@@ -37,7 +37,7 @@ velocities change."""
 _INWARDS = 1e-9
 """A force on the boundary that moves inwards more slowly than this stays there, of bodies that turn [1 per ramp]."""
 _LEAST_PART, _LEAST_STRAIGHT = 1e-9, 1e-13
-"""Shortest part of a ramp that is tried before the body jumps; that of vector springs, before a step is forced, and up
+"""Shortest part of a ramp that is tried before the body jumps; and, for vector springs, before a step is forced, and up
 to a point that starts or stops."""
 _LEAST_FALL = 1e-6
 """Shortest part of a ramp in whose end an equilibrium may become unstable."""
@@ -50,8 +50,8 @@ _FAR_STOP = 0.9
 _FAR_BEYOND = 1.5
 """A change in the first half of a part is looked for again in a part that is so much longer: the estimate is coarse."""
 _SPENT, _AT_ONCE = 0.02, 0.125
-"""Parts of the error that is left that a part of the ramp is planned to take, beside its share of the tolerance, and
-that it may take."""
+"""Fractions of the remaining error that a part of the ramp is planned to take in addition to its share of the
+tolerance, and that it may take."""
 _LEAST_SHARE, _RESOLVED = 1e-5, 512.0 * EPS
 """What any part of the ramp may take, relative to the tolerance, and to the size of positions and displacements:
 rounding errors do not become smaller in shorter parts."""
@@ -156,7 +156,7 @@ def glance(frame, way, negligible, velocity, force):
 def _settle(frame, state, target, part, best, after, limits):
     """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
-    The displacement, the dissipation and the work of the loads in `best` become those to that end. `limits` has the
+    The displacement, the dissipation and the work of the loads in `best` then extend to that end. `limits` has the
     error that is allowed [m], and whether `best` is one implicit step.
 
     Returns whether there is such an end; whether it is stable and the energies balance: where they do not, the body has
@@ -323,7 +323,7 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
     """Follow a ramp of the commands until it ends, or patience does, or no part of it can be followed.
 
     Args:
-        fields: those of the `Frame`, as a plain tuple, which Python passes faster.
+        fields: the fields of the `Frame`, as a plain tuple, which Python passes faster.
         state: displacements and what was gained, shape (N, 2) [m]; the command in force, shape (C,); the yaw, shape
             (1,) [rad]; changed in place.
         tolerance: largest error of the displacements [m].
@@ -350,7 +350,7 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
                 for c in range(2):
                     velocity[i, c] = best[i, c]
             return False
-        for i in range(n):  # of several solutions, that of the last part goes on
+        for i in range(n):  # of several solutions, the last part's goes on
             for c in range(2):
                 velocity[i, c] = best[i, c] * (1.0 - part) / part
         if parts == _CREEPING * n:

@@ -25,7 +25,7 @@ _FEW_HALVINGS, _MOST_HALVINGS = 8, 20
 """Upper limits of halvings in a bold and in a cautious search."""
 _RUNGS, _SOFTER = 12, 0.25
 """Searches with springs where the first one fails, up to one that fails, too, and the stiffness of a spring relative to
-that of the one before."""
+the one before."""
 _MOST_APPROACHES = 100
 """Upper limit of steps towards a solution that the search does not find."""
 _LONGEST = 0.25

@@ -226,14 +226,14 @@ def is_held(frame, command, x, moved):
 def stay(base, guess, x):
     """Undo the choice of a translation where it is undetermined only at the end of a straight step.
 
-    Loads that change pass through forces at which friction balances; up to there the translation is that of the guess.
+    Loads that change pass through forces at which friction balances; up to there the translation is the guess's.
 
     Args:
         guess: the step according to the velocities at its start, shape (N, 2) [m].
         x: displacements at its end, shape (N, 2) [m], changed in place.
 
     Returns:
-        Whether the step and the guess differ by a translation alone.
+        Whether the step and the guess differ only by a translation.
     """
     rests = 0
     longest = 0.0

@@ -171,7 +171,7 @@ def _foresee(frame, way, moved, expected, force, negligible):
 def _find_crossing(frame, way, part, moved, force, negligible):
     """Estimate the part of a step up to where the force on a point that slides changes to another quarter of its set.
 
-    The boundary has another curvature there, and so have paths: extrapolation across it converges by chance alone.
+    The boundary has another curvature there, and so have paths: extrapolation across it converges only by chance.
 
     Returns the part; 1 if there is none inside.
     """

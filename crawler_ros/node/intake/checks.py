@@ -260,7 +260,7 @@ def check_times(stamp_ns: int, now_ns: int, tick_ns: int, last_ns: int) -> None:
     if ahead > most:
         raise CommandError(
             f"trajectory: stamp {stamp_ns / NS:g} s is {ahead / NS:g} s ahead of simulated time; at most "
-            f"{most / NS:g} s are allowed; stamps are simulated time, like those of joint_states, and 0 starts at once"
+            f"{most / NS:g} s are allowed; stamps are simulated time, as in joint_states, and 0 starts at once"
         )
     if last_ns > _LONGEST_NS:
         raise CommandError(

@@ -20,7 +20,7 @@ MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
 """The largest queue: command rows, and the memory that they take."""
 MOST_TRAJECTORIES = 10_000
 """The largest number of trajectories that one tick joins to the path, which takes some 20 µs each."""
-_ROW_BYTES = 128  # of an array or a vertex, beside its numbers
+_ROW_BYTES = 128  # of an array or a vertex, besides its numbers
 
 
 class CommandQueue:
@@ -89,7 +89,7 @@ class CommandQueue:
 
     @property
     def waiting(self) -> int:
-        """Number of waiting command rows, including those of a running trajectory."""
+        """Number of waiting command rows, including a running trajectory's."""
         return self._pending + self._pending_beside + len(self._path.ahead)
 
     @property
@@ -245,7 +245,7 @@ class CommandQueue:
     def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
         """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
 
-        The k-th actuation, friction and load array make one vertex; those without a partner make one each. Arrays
+        The k-th actuation, friction and load array make one vertex; arrays without a partner make one each. Arrays
         take equal shares of the tick. A trajectory's points keep their own times, those already past coming first;
         where it extends beyond the tick, its straight line is followed up to the end of the tick. What is past and
         followed by nothing takes the whole tick, as an array does. Arrays and trajectories replace each other; the last
@@ -267,7 +267,7 @@ class CommandQueue:
         return vertices
 
     def _take(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Take the vertices of a tick, including those that repeat the row in force."""
+        """Take the vertices of a tick, including repetitions of the row in force."""
         if self._lock_step:
             return self._take_turn(start_ns, end_ns)
         if not (self._actuation or self._beside or self._trajectories or self._path.ahead):
@@ -337,7 +337,7 @@ class CommandQueue:
         return self._pair([turn], beside, start_ns, end_ns)
 
     def _without_repeats(self, vertices: list[Vertex]) -> list[Vertex]:
-        """Leave out the vertices that only repeat the row in force; drop and count those that cannot be followed."""
+        """Leave out the vertices that only repeat the row in force; drop and count vertices that cannot be followed."""
         kept = []
         for vertex in vertices:
             if vertex.row.tobytes() == self._in_force.tobytes():

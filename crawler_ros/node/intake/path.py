@@ -98,8 +98,8 @@ class Path:
         """Let a trajectory replace the path from its start on.
 
         Trajectories that arrive in the same tick lose no vertex that is due in it: of the last `fresh` vertices of the
-        path, those due by its end stay. Times never decrease along the path, so that a search by halving finds what
-        stays: the cost is that of the points of the trajectory and of those that it replaces.
+        path, all that are due by its end stay. Times never decrease along the path, so a search by halving finds what
+        stays: the cost is proportional to the number of points of the trajectory and of points that it replaces.
 
         Args:
             trajectory: the trajectory.
@@ -108,7 +108,7 @@ class Path:
             fresh: the number of vertices of the path that belong to trajectories that arrived in this tick.
 
         Returns:
-            The same number with those of this trajectory.
+            The same number, this trajectory's vertices included.
         """
         start = now_ns if trajectory.start_ns is None else trajectory.start_ns
         cut = max(start, now_ns)

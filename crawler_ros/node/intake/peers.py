@@ -11,7 +11,7 @@ _MOST_STREAMS = 64
 
 
 class Arrivals:
-    """Counts the messages of a topic that arrived, and those that did not, by their sequence numbers.
+    """Counts the messages of a topic that arrived, and that did not, by their sequence numbers.
 
     rclpy passes on the number but not the publisher. A number continues the sequence whose last number is nearest below
     it; a gap counts as a loss once the topic's publishers have been the same from before it until after it.
@@ -105,9 +105,9 @@ def rivals_on_states(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
 
 
 class SecondSimulator:
-    """Notices that the states of a second simulator mix with those of the first one.
+    """Notices that the states of two simulators mix.
 
-    The graph alone does not show it: a simulator that was killed and started again is listed twice for a while.
+    The graph does not show it: a simulator that was killed and started again is listed twice for a while.
     """
 
     def __init__(self, node: Any, topic: str) -> None:

@@ -12,8 +12,8 @@ def follow_waypoints(due, near, start_ns, ends_ns, in_force):
     """Follow waypoints and the straight lines between them through ticks.
 
     Args:
-        due: times of the last waypoint passed before, of those that are passed now, and of the next one if there is
-            one, shape (W,) [ns].
+        due: times of the last waypoint passed before, of the waypoints passed now, and of the next one if there is one,
+            shape (W,) [ns].
         near: their rows, shape (W, C).
         start_ns: simulated time at the start of the first tick [ns].
         ends_ns: simulated time at the end of each tick, shape (K,) [ns].

@@ -5,7 +5,8 @@ further than the slack of flat springs: several stretches, and several ramps, sh
 ramp of a call how far each contact may lie from where it is. All contacts are there together at the least, or the most.
 
 Where the spring of a contact that lies further back becomes stiff, friction still holds the contact there. Only as the
-contact slides forward in the chosen motion does such a spring pull it along in the other ones; likewise backwards.
+contact slides forward in the chosen motion does such a spring pull it along in the other ones; the same holds
+backwards.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def _slack(c, ground, ramp, i, when):
 
 @inlined
 def _distance(contacts, springs, model, ramp, i, when, limit):
-    """Find how far the force on a contact is from its nearest bound, beside its rounding if it is more than a limit."""
+    """Find how far the force on a contact is from its nearest bound, less its rounding if it is more than a limit."""
     c = contacts[i]
     if c.at != 0 and c.side != 0:
         return 0.0
@@ -55,9 +55,9 @@ def _distance(contacts, springs, model, ramp, i, when, limit):
 def is_near(contacts, springs, model, curves, ramp, when, limit):
     """Determine whether all contacts of the present part are at their bounds at a later place, within a limit.
 
-    The limit is beside the rounding of forces. The forces of a spring on its two contacts are opposite. So bounds at
-    which all contacts slide sum to the force of flat springs, which is known however stiff the others are. The search
-    begins with the contact that ended the one before: mostly, that one is still far from its bounds.
+    The limit is in addition to the rounding of forces. The forces of a spring on its two contacts are opposite. So
+    bounds at which all contacts slide sum to the force of flat springs, which is known however stiff the others are.
+    The search begins with the contact that ended the one before: mostly, that one is still far from its bounds.
 
     Args:
         when: the place on the ramp.

@@ -52,7 +52,7 @@ def _slope(contacts, block, curves, ramp, middle, translation):
 def _find_quantile(contacts, block, curves, ramp, middle, level):
     """Find the least translation above which the slope of the dissipation is above a level.
 
-    Candidates are the translations that bring one contact to rest; each trial removes those on one side of it.
+    Candidates are the translations that bring one contact to rest; each trial removes all on one side of it.
     """
     low, high = -np.inf, np.inf
     first, last = present_part(contacts, curves, ramp)
@@ -109,7 +109,7 @@ def _is_within(spring, block, curves, ramp):
 def _limit(contacts, springs, block, curves, ramp, ds):
     """Find the translations of the present part at which the flat springs at its ends stay flat for a while.
 
-    If `ds` is 0, those that are at knots must not pass them; others do not count.
+    If `ds` is 0, springs that are at knots must not pass them; others do not count.
     """
     least, most = -np.inf, np.inf
     if curves is None:

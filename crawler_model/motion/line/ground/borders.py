@@ -1,8 +1,8 @@
 """Borders between patches of ground: a contact that slides onto one stands there, goes on, or falls.
 
-On a border the forward bound is that of the ground ahead, the backward bound that of the ground behind. A contact that
+On a border the ground ahead determines the forward bound, the ground behind the backward bound. A contact that
 reaches a border stops where the ground beyond it holds more than the bound in force, and goes on where it holds the
-same. Where it holds less, the bound in force stays, and falls to that of the ground in a jump (`falls`).
+same. Where it holds less, the bound in force stays, and falls to the ground's in a jump (`falls`).
 
 Contacts fall together if they reach their borders at the same instant. Instants are compared by distances: a contact
 is at a border if it is nearer than the rounding of `span`, one length for all contacts, so that neither the numbering
@@ -27,7 +27,7 @@ SLIDES = 1e-290
 
 @lean
 def _hold(foot, ground, stretch, side, s):
-    """Compute the bound that a stretch of ground holds under a contact: c mu less the load, that of its slope included.
+    """Compute the bound that a stretch of ground holds under a contact: c mu less the load, its slope's included.
 
     Returns the commanded bound itself where the stretch is like the rest of the track.
     """
@@ -45,7 +45,7 @@ def _hold(foot, ground, stretch, side, s):
 
 @lean
 def set_bound(c, foot, ground, side, ramp):
-    """Set a bound of a contact, along the ramp, to that of the ground at its place; in a fall commands rest.
+    """Set a bound of a contact, along the ramp, to the bound of the ground at its place; in a fall commands rest.
 
     Args:
         side: FORWARD or BACKWARD.
@@ -61,7 +61,7 @@ def set_bound(c, foot, ground, side, ramp):
 
 @lean
 def excess_of(c, foot, ground):
-    """Compute by how much the bound in force of a contact that falls exceeds that of the ground, while commands rest.
+    """Compute by how much the bound in force of a contact that falls exceeds the ground's, while commands rest.
 
     Returns:
         The excess [N]; 0 if it does not fall.
@@ -84,7 +84,7 @@ def _set_load(c, foot, ground, ramp):
 
 @lean
 def set_bounds(c, foot, ground, ramp):
-    """Set both bounds of a contact and its load to those of the ground at its place, see `set_bound`."""
+    """Set both bounds of a contact and its load as the ground at its place demands, see `set_bound`."""
     set_bound(c, foot, ground, FORWARD, ramp)
     set_bound(c, foot, ground, BACKWARD, ramp)
     _set_load(c, foot, ground, ramp)
@@ -137,7 +137,7 @@ def find_meeting(c, ground, i):
 
 @lean
 def leave_border(c, ground, ramp, i):
-    """Let a contact that slides leave the border that it is on: both bounds become those of the ground it slides onto.
+    """Let a contact that slides leave the border that it is on: the ground it slides onto sets both bounds.
 
     Args:
         c: CONTACT i, with its velocity.
@@ -186,7 +186,7 @@ def put_on_border(c, foot, ground, j):
 
 @lean
 def compare(c, foot, ground, coming, ramp):
-    """Compare the bound beyond a border with the bound in force, which in a fall is not that of the ground.
+    """Compare the bound beyond a border with the bound in force, which in a fall is not the ground's.
 
     Returns:
         -1 if it is less, 0 if they are equal, 1 if it is more.
@@ -286,7 +286,7 @@ def close_jump(c, ground, ramp, i):
 def rest_on_border(c, ground, ramp, i):
     """Put a contact that stops within rounding of a border onto it, unless it falls there.
 
-    Otherwise a contact that comes to rest there, or begins to slide as a ramp ends, would stand a hair beside it.
+    Otherwise a contact that comes to rest there, or begins to slide as a ramp ends, would stand a hair away from it.
     """
     if ground is None:
         return

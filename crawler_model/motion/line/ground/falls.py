@@ -1,7 +1,7 @@
 """Falls: bounds that fall at fixed commands, wherever contacts come to ground that holds less.
 
 A fall takes part of no length of the ramp: commands rest at `rests`, and the bounds that the ground does not hold fall
-to those that it does, along a line of their own from -1 to 0. Only contacts that the fall moves, or whose forces it
+to bounds that it does, along a line of their own from -1 to 0. Only contacts that the fall moves, or whose forces it
 changes, are drawn into it; `since` < 0 marks them, and their events come before all others in the tournament. So the
 same loop follows ramps and falls, and a jump costs no more than the contacts that take part in it.
 
@@ -23,7 +23,7 @@ from .borders import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border
 from .walls import is_at_wall
 
 _BEGIN, _END = -1.0, -1e-300
-"""The line of a fall. Its end is as good as 0, where the bounds are those of the ground, and still before the ramp."""
+"""The line of a fall. Its end is as good as 0, where the bounds are the ground's, and still before the ramp."""
 _SLOWEST = 1e-4
 """Contacts that slide slower than this part of the velocity of one that falls are not looked for at their borders."""
 
@@ -211,7 +211,7 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     """Begin a fall of all contacts that are now at borders beyond which the ground holds less, or one anew with them.
 
     Args:
-        ramp: the RAMP; `due` is one of these contacts, or 0 if those that fall stand on their borders already.
+        ramp: the RAMP; `due` is one of these contacts, or 0 if all that fall stand on their borders already.
         count: how many contacts are listed.
 
     Returns:
@@ -252,7 +252,7 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
 
 @lean
 def end_fall(contacts, springs, model, ground, ramp, count):
-    """Return from a fall to the ramp, with the bounds of the ground, or with those that are left of an unfinished fall.
+    """Return from a fall to the ramp, with the bounds of the ground, or with what is left of an unfinished fall.
 
     Args:
         ramp: the RAMP; the fall is finished if `s` is at its end.

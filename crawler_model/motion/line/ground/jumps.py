@@ -18,7 +18,7 @@ def _begin_command(record, target, i, n):
 
 @inlined
 def _finish_command(record, ramp, target, i, n):
-    """Set what is commanded of a contact to that at the end of what was followed of the ramp."""
+    """Set the commanded bounds and load of a contact to their values at the end of what was followed of the ramp."""
     if ramp.s == 1.0:
         record.forward, record.backward = target[i], target[n + i]
         record.load = target[2 * n + i] if target.shape[0] > 2 * n else 0.0
@@ -37,7 +37,7 @@ def begin_bounds(c, ground, ramp, target, i, n):
         target: bounds and, with loads, these, for ground without patches, shape (2 N,) or (3 N,).
 
     Returns:
-        A length whose rounding is that of its position [m].
+        A length that rounds like its position [m].
     """
     if ground is None:
         _begin_command(c, target, i, n)
@@ -54,7 +54,7 @@ def begin_bounds(c, ground, ramp, target, i, n):
 
 @inlined
 def finish_bounds(c, ground, ramp, target, i, n):
-    """Set the bounds and the load of a contact to those at the end of what was followed of the ramp.
+    """Set the bounds and the load of a contact to their values at the end of what was followed of the ramp.
 
     Args:
         target: as for `begin_bounds`.
@@ -81,7 +81,7 @@ def finish_bounds(c, ground, ramp, target, i, n):
 
 @lean
 def place_anew(contacts, ground, ramp):
-    """Find the places of contacts after a step that has passed over borders; those that are not held there fall.
+    """Find the places of contacts after a step that has passed over borders; contacts that are not held there fall.
 
     Returns:
         Whether any falls.

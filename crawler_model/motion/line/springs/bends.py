@@ -1,6 +1,6 @@
 """Bent springs: curves of tension with knots, where the stiffness changes.
 
-A bent spring has an actuator, whose tension is a function of u = z - L, and beside it a passive spring, a function of
+A bent spring has an actuator, whose tension is a function of u = z - L, and in parallel a passive spring, a function of
 z. Between knots it is linear with the stiffness in force, and all else knows it as such: `spring.stiffness` is the sum
 of both slopes, `spring.d_length` the change of a rest length that changes the tension as the command does. Where both
 are flat, the tension is constant: the spring is a load on both contacts, which ends blocks and joins nothing.
@@ -67,7 +67,7 @@ def find_pieces(bend, pieces, u, z, direction):
 
     Args:
         bend: a BEND; its pieces are written.
-        direction: in which u goes on from a knot, opposite to that of z; 0 if either piece will do.
+        direction: in which u goes on from a knot, opposite to z's; 0 if either piece will do.
     """
     bend.actuator = _find_piece(pieces, bend.actuator, u, direction)
     bend.passive = _find_piece(pieces, bend.passive, z, -direction)
@@ -170,14 +170,14 @@ def energy_of(spring, curves):
 
 @lean
 def _tension_of(bend, pieces, u, z):
-    """Compute the tension of a bent spring, without that of its sliders, from its lengths."""
+    """Compute the tension of a bent spring without its sliders from its lengths."""
     find_pieces(bend, pieces, u, z, 0.0)
     return tension_on(pieces[bend.actuator], u) + tension_on(pieces[bend.passive], z)
 
 
 @inlined
 def leash_of(contacts, spring, ramp):
-    """Compute by how much a tension may differ from that of its elongation, for the rounding of displacements.
+    """Compute by how much rounding of displacements may move a tension from the tension of its elongation.
 
     Returns:
         The difference [N].

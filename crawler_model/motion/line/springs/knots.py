@@ -215,7 +215,7 @@ def return_to_part(contacts, springs, model, curves, ramp):
 
 @lean
 def end_step(contacts, springs, curves):
-    """Restore the tensions and forces at the start of an implicit step, with rates to those at its end."""
+    """Restore the tensions and forces at the start of an implicit step, with rates to their values at its end."""
     if curves is None:
         return
     for j in range(springs.shape[0]):

@@ -92,19 +92,19 @@ def next_part(block, curves, ramp, n):
 
 @inlined
 def begin_alone(block, ramp, i):
-    """Begin to list the part of one contact alone; it becomes the present one.
+    """Begin to list the part of only one contact; it becomes the present one.
 
     Args:
         ramp: the RAMP; the parts of the body are unknown afterwards.
     """
-    ramp.parts -= 1  # numbers below those of the list of all parts
+    ramp.parts -= 1  # numbers below the list of all parts
     ramp.parted, ramp.present, ramp.first, ramp.last, ramp.witness = 0, ramp.parts, 0, 1, 0
     block[i].part, block[0].member = ramp.parts, i
 
 
 @lean
 def find_part(contacts, springs, model, curves, ramp, i):
-    """List the part of one contact alone, in proportion to its size; it becomes the present one, see `begin_alone`."""
+    """List the part of only one contact, in proportion to its size; it becomes the present one, see `begin_alone`."""
     begin_alone(model.block, ramp, i)
     read = 0
     while read < ramp.last:
@@ -126,7 +126,7 @@ def present_part(contacts, curves, ramp):
 
 @inlined
 def find_pull(contacts, springs, model, curves, i):
-    """Find the force of the flat springs on a contact; those within a part cancel in its sum.
+    """Find the force of the flat springs on a contact; springs within a part cancel in its sum.
 
     Returns:
         The force [N].

@@ -1,4 +1,4 @@
-"""The records of bent springs, beside those of all springs in `motion.line.records`."""
+"""The records of bent springs, in addition to the records of all springs in `motion.line.records`."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ PIECE = np.dtype(
     ],
     align=True,
 )
-"""A piece of the curve of a bent spring; those of a curve follow each other."""
+"""A piece of the curve of a bent spring; the pieces of a curve follow each other."""
 
 BEND = np.dtype(
     [
         ("actuator", _INT),  # present piece of the curve of the actuator, over u = z - L
-        ("passive", _INT),  # likewise of the passive spring, over z
+        ("passive", _INT),  # present piece of the curve of the passive spring, over z
         ("command", _FLOAT),  # change of L along the ramp [m]
-        ("share", _FLOAT),  # on these pieces, the tension of the actuator alone is share T + back L + offset [1]
+        ("share", _FLOAT),  # on these pieces, the tension of only the actuator is share T + back L + offset [1]
         ("back", _FLOAT),  # [N/m]
         ("offset", _FLOAT),  # [N]
         ("next", _FLOAT),  # place on the ramp of its next knot
@@ -46,13 +46,13 @@ BEND = np.dtype(
     ],
     align=True,
 )
-"""What is known of a bent spring beside SPRING."""
+"""What is known of a bent spring besides SPRING."""
 
 SLIDER = np.dtype(
     [
         ("slip", _FLOAT),  # elongation at which its force is 0; while it yields, that where the ramp or this began [m]
         ("mode", _BYTE),  # 1 if it yields while its spring grows, -1 while that shrinks; 0 if it is elastic
-        ("kept", _BYTE),  # likewise in the last part of an implicit step that has been solved
+        ("kept", _BYTE),  # `mode` in the last part of an implicit step that has been solved
         ("stiffness", _FLOAT),  # [N/m]
         ("limit", _FLOAT),  # largest force, at which it yields [N]
         ("spring", _INT),
@@ -60,7 +60,7 @@ SLIDER = np.dtype(
     ],
     align=True,
 )
-"""A spring in series with a slider, beside a bent spring, see `sliders`; those of a spring follow each other."""
+"""A spring and a slider in series, parallel to a bent spring, see `sliders`; one spring's follow each other."""
 
 SLIDER_STATE = ("slip", "mode")
 """Fields of a slider that last from ramp to ramp."""
@@ -68,15 +68,15 @@ SLIDER_STATE = ("slip", "mode")
 STRAY = np.dtype(
     [
         ("slower", _FLOAT),  # change of its velocity by other translations of the present stretch, < 0 [m]
-        ("faster", _FLOAT),  # likewise, > 0 [m]
+        ("faster", _FLOAT),  # the same, > 0 [m]
         ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
         ("most", _FLOAT),  # to where [m]
         ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
-        ("kept_most", _FLOAT),  # likewise, of `most` [m]
+        ("kept_most", _FLOAT),  # what of `most` does [m]
     ],
     align=True,
 )
-"""What is known of a contact beside CONTACT where springs are bent, see `critical.interval`."""
+"""What is known of a contact besides CONTACT where springs are bent, see `critical.interval`."""
 
 
 class Curves(NamedTuple):

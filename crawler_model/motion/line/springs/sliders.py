@@ -1,4 +1,4 @@
-"""Springs that remember: Maxwell-slip elements beside a bent spring, each a spring in series with a slider.
+"""Springs that remember: Maxwell-slip elements parallel to a bent spring, each a spring in series with a slider.
 
 The force of an element is h = k (z - slip), |h| <= limit. Where h is at its limit the element yields: h rests, and the
 slip follows z. When z turns round it is elastic at once. To its bent spring an element is a piece of the curve of the
@@ -10,7 +10,7 @@ from __future__ import annotations
 from ....compiled import inlined, lean
 
 TURN = 3
-"""The first turn among the knots in `coming` of a BEND; those of the other sliders of the spring follow."""
+"""The first turn among the knots in `coming` of a BEND; turns of the other sliders of the spring follow."""
 
 
 @lean
