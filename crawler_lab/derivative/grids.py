@@ -69,8 +69,7 @@ def tilt(scene: Scene) -> list[Assembly]:
     Returns:
         Both assemblies.
     """
-    springs, n = scene.body.springs, scene.body.contacts
-    forward = np.unique(scene.columns.index[springs : springs + n])
+    forward = scene.columns.lengths + np.arange(scene.columns.frictions // 2)
     sides = []
     for factor in (1.0 - _TILT, 1.0 + _TILT):
         rows = scene.drive.rows.copy()

@@ -135,6 +135,11 @@ def build_spec(
     check_number("stroke_time", stroke_time, "s")
     check_number("price", price, "1", least=0.0)
     loaded = _with_loads(given, ranges)
+    if loaded.body.shares_contacts:
+        raise CrawlerError(
+            f"{loaded.name}: parts of its body touch, and environments have one command for each contact; leave a gap "
+            "between them, with a link"
+        )
     per_stroke = max(float(stroke_time * ratio), 1.0)
     actions = build_actions(loaded, stroke, friction, per_stroke)
     _check_friction(actions, loaded, ranges)

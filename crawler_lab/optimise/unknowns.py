@@ -267,8 +267,7 @@ class Unknowns:
         """Derivatives of the targets at the waypoints with respect to the waypoints, shape (K, F, K width)."""
         table, columns = self.table, self.base.columns
         assert table is not None
-        shown = table.column_of[columns.index]
-        one = np.where(shown[:, None] == np.arange(table.width), columns.factor[:, None], 0.0)
+        one = columns.spread((table.column_of == np.arange(table.width)[:, None]).astype(np.float64)).T
         all_targets = np.zeros((table.waypoints, one.shape[0], table.waypoints, table.width))
         for i in range(table.waypoints):
             all_targets[i, :, i] = one

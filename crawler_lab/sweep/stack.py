@@ -180,7 +180,7 @@ def fingerprint(scene: Assembly) -> tuple[Any, ...]:
     if not can_be_stacked(scene):
         return (id(scene),)
     body, columns, drive = scene.body, scene.columns, scene.drive
-    arrays = (body.ends, body.share, columns.index, columns.factor)
+    arrays = (body.ends, body.share, columns.index, columns.factor, *columns.further)
     segments = tuple((segment.first, segment.elements) for segment in body.segments)
     return (
         *(array.tobytes() for array in arrays),
@@ -202,7 +202,9 @@ def shares_mesh(scene: Scene, paths: Sequence[KeyPath]) -> bool:
         False if some of these change more than numbers of the arrays.
     """
     parts = scene.parts
-    if parts.dimension == 2 or (parts.ground is not None and parts.ground.varies) or parts.body.is_bent:
+    if parts.dimension == 2 or (parts.ground is not None and parts.ground.varies):
+        return False
+    if parts.body.is_bent or parts.body.shares_contacts:
         return False
     return all(keeps_mesh(path) and _is_plain(path) for path in paths)
 

@@ -2,7 +2,8 @@
 
 A body consists of isolated contacts, segments (intervals that touch the ground along their whole length, divided into
 elements) and links between them. All of these become one graph of springs between contacts; a body whose springs join
-each contact to the next one is a chain.
+each contact to the next one is a chain. Segments that touch share a contact, as does an isolated contact at an end of
+one.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ class Body:
         stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body. Of a bent spring, its largest stiffness.
         share: weight of each contact in the net translation, shape (N,), summing to 1. Every isolated contact and
             every segment has the same weight; a segment contributes the mean over its length.
-        ground: length of ground that each contact represents, 1 for an isolated contact, shape (N,) [m].
+        ground: length of ground that each contact represents, 1 for an isolated contact; of one that several parts
+            share the sum over these, shape (N,) [m].
         isolated: indices of the isolated contacts, in the order of the scene, shape (I,).
         link_springs: index of the spring of each link, in the order of the scene, shape (links,).
         segments: positions of the segments in these arrays.
@@ -87,6 +89,11 @@ class Body:
         if self.dimension != 1 or self.springs != n - 1:
             return False
         return bool((self.ends[:, 0] == np.arange(n - 1)).all() and (self.ends[:, 1] == np.arange(1, n)).all())
+
+    @functools.cached_property
+    def shares_contacts(self) -> bool:
+        """Whether some contact belongs to more than one isolated contact or segment."""
+        return np.unique(self.stations).size < self.stations.size
 
     @functools.cached_property
     def has_flat_springs(self) -> bool:
@@ -273,8 +280,11 @@ class Body:
 
     @functools.cached_property
     def joints(self) -> np.ndarray:
-        """End stations of each link, then of each segment: indices into `stations`, shape (J, 2)."""
-        place = {int(contact): i for i, contact in enumerate(self.stations)}
+        """End stations of each link, then of each segment: indices into `stations`, shape (J, 2).
+
+        Of several stations at a contact that parts share, it is the first.
+        """
+        place = {int(self.stations[i]): i for i in range(self.stations.size - 1, -1, -1)}
         pairs = [tuple(self.ends[spring]) for spring in self.link_springs]
         pairs += [(s.first, s.last) for s in self.segments]
         return np.array([[place[int(a)], place[int(b)]] for a, b in pairs], dtype=np.int64).reshape(-1, 2)
@@ -344,10 +354,11 @@ class Body:
         Returns:
             "contact 2", or "segment trunk at 0.4 m".
         """
-        for segment in self.segments:
-            if segment.first <= contact <= segment.last:
-                return f"segment {segment.name} at {self.position[contact]:.4g} m"
-        return f"contact {int(np.flatnonzero(self.isolated == contact)[0])}"
+        alone = np.flatnonzero(self.isolated == contact)
+        if alone.size:
+            return f"contact {int(alone[0])}"
+        segment = next(s for s in self.segments if s.first <= contact <= s.last)
+        return f"segment {segment.name} at {self.position[contact]:.4g} m"
 
     def relaxed(self, actuation: np.ndarray) -> np.ndarray:
         """Compute displacements at which no spring exerts a force; the first contact is not displaced.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,6 +43,21 @@ class Interval:
 
 _MOST_SPAN = 1e13
 """Largest ratio of two stiffnesses of a body."""
+_NEAR = 1e-12
+"""Parts whose ends are closer than this part of their positions touch."""
+
+
+def touch(until: float, after: float) -> bool:
+    """Determine whether a part that ends at one place touches one that begins at another.
+
+    Args:
+        until: reference position of the end [m].
+        after: reference position of the beginning [m].
+
+    Returns:
+        Whether both are the same but for rounding.
+    """
+    return abs(after - until) <= _NEAR * (abs(until) + abs(after))
 
 
 def build_body(
@@ -53,11 +68,13 @@ def build_body(
 ) -> Body:
     """Build a body from its contacts, links and segments.
 
+    Parts that touch share a contact: two segments that follow each other, or an isolated contact at an end of one.
+
     Args:
         contacts: reference positions of the isolated contacts, increasing, shape (I,), or (I, 2) in the plane [m].
         stiffness: stiffness of the links, one number or one per link, > 0 [N/m].
         between: the pair of ends that each link joins: contacts by number, ends of segments as `name.from` and
-            `name.to`; None links each part to the next.
+            `name.to`; None links each part to the next one that it does not touch.
         segments: the segments.
 
     Returns:
@@ -69,14 +86,21 @@ def build_body(
     isolated = np.array(contacts, dtype=np.float64)
     _check_contacts(isolated, segments)
     parts = _in_order(isolated, segments)
-    first = np.cumsum([0, *(len(part.nodes) for part in parts)])
-    place = {part.name: int(i) for part, i in zip(parts, first, strict=False)}
-    cells = [part.cells for part in parts]
+    first = _first_contacts(parts)
+    place = {part.name: i for part, i in zip(parts, first, strict=True)}
+    count = first[-1] + len(parts[-1].nodes)
+    position = np.zeros((count, *isolated.shape[1:]))
+    share, ground = np.zeros((2, count))
+    for part, begin in reversed(list(zip(parts, first, strict=True))):
+        at, cells = slice(begin, begin + len(part.nodes)), part.cells
+        position[at] = part.nodes
+        share[at] += cells / (cells.sum() * len(parts))
+        ground[at] += cells
     ends = _link_ends(between, parts, place)
     k = spread(stiffness, len(ends), "body.links.stiffness", "link")
     for i in np.flatnonzero(~(k > 0.0)):
         raise SceneError(f"body.links.stiffness: link {i} has {k[i]:g} N/m; it must be > 0")
-    count = len(ends)
+    links = len(ends)
     for segment in segments:
         a = place[segment.name] + np.arange(segment.stiffness.size)
         ends += list(zip(a.tolist(), (a + 1).tolist(), strict=True))
@@ -87,7 +111,7 @@ def build_body(
     # a link that starts at a segment's near end sorts before the segment's springs, which stay consecutive
     order = np.lexsort((-pairs[:, 1], pairs[:, 0])) if segments else np.arange(len(pairs))
     found = np.argsort(order)
-    springs = found[count:]
+    springs = found[links:]
     built = []
     for segment in segments:
         elements = segment.stiffness.size
@@ -96,13 +120,13 @@ def build_body(
         built.append(Segment(name, place[name], elements, int(springs[0]), length, segment.shown))
         springs = springs[elements:]
     body = Body(
-        position=frozen(np.concatenate([part.nodes for part in parts])),
+        position=frozen(position),
         ends=frozen(pairs[order], np.int64),
         stiffness=frozen(k[order]),
-        share=frozen(np.concatenate([each / (each.sum() * len(parts)) for each in cells])),
-        ground=frozen(np.concatenate(cells)),
+        share=frozen(share),
+        ground=frozen(ground),
         isolated=frozen([place[i] for i in range(isolated.shape[0])], np.int64),
-        link_springs=frozen(found[:count], np.int64),
+        link_springs=frozen(found[:links], np.int64),
         segments=tuple(built),
     )
     check_connected(body, [part.name for part in parts], first)
@@ -151,6 +175,15 @@ def _point(position: np.ndarray) -> str:
     return "[" + ", ".join(f"{v:g}" for v in position) + "]"
 
 
+def _first_contacts(parts: list[Interval]) -> list[int]:
+    """Find the index of the first contact of each part: that of the last one of the part before if they touch."""
+    first = [0]
+    for here, there in itertools.pairwise(parts):
+        touches = here.nodes.ndim == 1 and touch(float(here.nodes[-1]), float(there.nodes[0]))
+        first.append(first[-1] + len(here.nodes) - touches)
+    return first
+
+
 def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[Interval]:
     """Sort contacts and segments along the body; they must not overlap."""
     contacts = [Interval(i, isolated[i : i + 1], np.zeros(0)) for i in range(isolated.shape[0])]
@@ -159,11 +192,11 @@ def _in_order(isolated: np.ndarray, segments: Sequence[Interval]) -> list[Interv
     parts = sorted((*contacts, *segments), key=lambda part: (float(part.nodes[0]), float(part.nodes[-1])))
     for here, there in itertools.pairwise(parts):
         until, after = here.nodes[-1], there.nodes[0]
-        if after <= until:
+        if after < until and not touch(float(until), float(after)):
             where = f"at {after:g} m" if isinstance(there.name, int) else f"from {after:g} m"
             raise SceneError(
-                f"body: {_name(there.name)} {where} meets {_name(here.name)}, which reaches to {until:g} m; segments "
-                "and contacts must not overlap or touch"
+                f"body: {_name(there.name)} {where} lies inside {_name(here.name)}, which reaches to {until:g} m; "
+                "segments must not overlap, and contacts may stand at their ends, but not between them"
             )
     return parts
 
@@ -178,7 +211,8 @@ def _link_ends(
     """Find the two contacts that each link joins."""
     last = {part.name: place[part.name] + len(part.nodes) - 1 for part in parts}
     if between is None:
-        return [(last[a.name], place[b.name]) for a, b in itertools.pairwise(parts)]
+        pairs = [(last[a.name], place[b.name]) for a, b in itertools.pairwise(parts)]
+        return [pair for pair in pairs if pair[0] != pair[1]]
     known: dict[int | str, int] = {}
     for name, first in place.items():
         known |= {name: first} if isinstance(name, int) else {f"{name}.from": first, f"{name}.to": last[name]}
@@ -207,7 +241,7 @@ def _known(place: dict[int | str, int]) -> str:
     return "there are " + ", ".join(known + [f"{n}.from, {n}.to" for n in place if isinstance(n, str)])
 
 
-def check_connected(body: Body, parts: Sequence[int | str], first: np.ndarray, noun: str = "contact") -> None:
+def check_connected(body: Body, parts: Sequence[int | str], first: Iterable[int], noun: str = "contact") -> None:
     """Check that the springs of a body connect all its parts.
 
     Args:

@@ -25,6 +25,8 @@ from .names import name_each
 from .planar_loads import check_planar_equilibrium
 from .turning import SIDES
 
+_NONE = np.zeros(0, np.int64)
+
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -43,6 +45,8 @@ class Columns:
         directions: in the plane, unit vectors of friction directions fixed to the ground, shape (m, 2); None on a line.
         patched: whether the ground changes with place, so that only the motion shows whether friction holds the loads.
         joints: number of joints of a body that turns; None for all others.
+        further: what is added to entries of contacts that several parts share: the entries, the columns and their
+            factors, shape (A,) each.
     """
 
     links: int
@@ -55,6 +59,7 @@ class Columns:
     directions: np.ndarray | None = None
     patched: bool = False
     joints: int | None = None
+    further: tuple[np.ndarray, np.ndarray, np.ndarray] = (_NONE, _NONE, _NONE)
 
     @functools.cached_property
     def actuation_sizes(self) -> np.ndarray:
@@ -185,6 +190,45 @@ class Columns:
             return "actuation"
         return "friction" if column < self.lengths + self.frictions else "loads"
 
+    def spread(self, rows: np.ndarray) -> np.ndarray:
+        """Spread command rows over springs and contacts: a target but for the loads, which shift bounds.
+
+        Args:
+            rows: shape (..., C).
+
+        Returns:
+            Shape (..., S + 2 N), with loads (..., S + 3 N) [m, N].
+        """
+        values = np.take(rows, self.index, axis=-1) * self.factor
+        for entry, column, factor in zip(*self.further, strict=True):
+            values[..., entry] += rows[..., column] * factor
+        return values
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Gather a command row from what it was spread to.
+
+        Where the contacts that parts share leave a row open, it is one that is spread to the same values.
+
+        Args:
+            values: as from `spread`, the entries first, shape (S + 2 N, ...), with loads (S + 3 N, ...).
+
+        Returns:
+            Shape (C, ...).
+        """
+        factor = self.factor.reshape(-1, *(1,) * (values.ndim - 1))
+        shared = np.unique(self.further[0])
+        alone = np.delete(np.arange(self.index.size), shared)
+        found, first = np.unique(self.index[alone], return_index=True)
+        row = np.zeros((self.count, *values.shape[1:]))
+        row[found] = values[alone[first]] / factor[alone[first]]
+        lacking = np.delete(np.arange(self.count), found)
+        if lacking.size:
+            matrix = self.spread(np.eye(self.count))[:, shared].T
+            left = values[shared] - np.tensordot(matrix, row, axes=1)
+            solved = np.linalg.lstsq(matrix[:, lacking], left.reshape(shared.size, -1), rcond=None)[0]
+            row[lacking] = solved.reshape(lacking.size, *values.shape[1:])
+        return row
+
     def target(self, rows: np.ndarray) -> np.ndarray:
         """Convert command rows to targets.
 
@@ -196,7 +240,7 @@ class Columns:
         """
         if self._is_plain:
             return rows
-        target = np.take(rows, self.index, axis=-1) * self.factor
+        target = self.spread(rows)
         if self.slope_load is not None and self.planar is not None:
             target[..., target.shape[-1] - self.slope_load.size :] += self.slope_load.ravel()
         elif self.slope_load is not None:
@@ -229,7 +273,7 @@ class Columns:
             return target
         n = loads.size
         lengths = target[: -3 * n]
-        raw = np.take(row, self.index) * self.factor
+        raw = self.spread(row)
         forward, backward, load = raw[-3 * n :].reshape(3, n)
         now = np.where(np.isnan(load), loads, load + self.slope_load)
         lengths[np.isnan(lengths)] = actuation[np.isnan(lengths)]
@@ -251,9 +295,7 @@ class Columns:
             Shape (C,).
         """
         own = (loads - self.slope_load if self.slope_load is not None else loads).ravel()
-        target = np.concatenate((actuation, friction, own))
-        _, first = np.unique(self.index, return_index=True)
-        return target[first] / self.factor[first]
+        return self.gather(np.concatenate((actuation, friction, own)))
 
     def check_equilibrium(self, target: np.ndarray, where: str, error: type[CrawlerError]) -> None:
         """Check that friction can hold the loads of a command: -sum mu_minus <= sum f <= sum mu_plus.

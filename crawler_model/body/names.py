@@ -55,9 +55,11 @@ def name_every_contact(body: Body) -> tuple[str, ...]:
         body: the body.
 
     Returns:
-        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment.
+        One name per contact along the body: "contact_0", or "trunk/contact_7" inside a segment. A contact that parts
+        share has the name of the first of these: isolated contacts, then segments.
     """
-    names = dict(zip(body.isolated.tolist(), name_each("contact", body.isolated.size), strict=True))
-    for segment in body.segments:
+    names: dict[int, str] = {}
+    for segment in reversed(body.segments):
         names |= {segment.first + j: f"{segment.name}/contact_{j}" for j in range(segment.elements + 1)}
+    names |= zip(body.isolated.tolist(), name_each("contact", body.isolated.size), strict=True)
     return tuple(names[i] for i in range(body.contacts))

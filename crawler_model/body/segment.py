@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -34,6 +36,13 @@ class Segment:
     def last(self) -> int:
         """Index of the last contact."""
         return self.first + self.elements
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Length of the segment that each of its contacts represents, shape (elements + 1,) [m]."""
+        cells = np.full(self.elements + 1, self.length / self.elements)
+        cells[[0, -1]] *= 0.5
+        return cells
 
     @property
     def contacts(self) -> slice:

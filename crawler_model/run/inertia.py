@@ -21,6 +21,7 @@ from ..crawler.method import default_budget
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
 from ..motion.state import ACCOUNT_SIZE, VISITED
+from ..theory.uniqueness import find_blocks
 
 UNDAMPED, DAMPED, BOUND = 0.25, 0.1, 0.4
 """Relative deviation of the gain, per inertia number, of lightly and of well damped bodies, and what 19 of 20 runs stay
@@ -269,8 +270,8 @@ class InertiaMeter:
             held = forward + backward
         else:
             held = bounds[:, :n] + bounds[:, n : 2 * n]
-        for segment in body.segments:
-            held[:, segment.contacts] = held[:, segment.contacts].sum(axis=1, keepdims=True)
+        for block in find_blocks(body) if body.segments else ():
+            held[:, block] = held[:, block].sum(axis=1, keepdims=True)
         return held
 
 

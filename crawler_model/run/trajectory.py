@@ -260,8 +260,7 @@ class Trajectory(Tabular):
             return np.hstack((forward + load, backward - load)), load
         if columns.slope_load is not None:
             load = target[:, lengths + frictions :].reshape(x.shape)
-        raw = np.take(commands, columns.index[lengths : lengths + frictions], axis=1)
-        return raw * columns.factor[lengths : lengths + frictions], load
+        return columns.spread(commands)[:, lengths : lengths + frictions], load
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler simulate --json` prints.

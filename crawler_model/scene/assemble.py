@@ -101,7 +101,7 @@ def _check_parts(parts: SceneParts) -> None:
     for name in names:
         if names.count(name) > 1:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
-    if parts.body.links is None and (parts.dimension == 2 or len(parts.body.places) + len(names) > 1):
+    if parts.body.links is None and (parts.dimension == 2 or parts.body.gaps > 0):
         raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
     if parts.friction is None and parts.body.places:
         raise SceneError("friction: missing; isolated contacts need it")
@@ -195,7 +195,7 @@ def _count(parts: SceneParts, place: int) -> int:
         if count > MOST_WAVES_MEASURED:
             return count_elements_of_waves(count, asked)
         return count_elements(gains, gains(_FINE), lambda n: np.zeros(n.size), scale, asked, count)
-    if parts.body.is_bent:  # a point at rest need not be one of uniform strain
+    if parts.body.is_bent or parts.body.shares_contacts:  # a point at rest need not be one of uniform strain
         return count_elements(gains, gains(_FINE), lambda n: np.zeros(n.size), scale, asked)
     exact, standing = find_standing(with_elements(_FINE_STANDING), place)
     return count_elements(gains, exact, standing.error, scale, asked)

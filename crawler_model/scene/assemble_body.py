@@ -172,8 +172,16 @@ def _line_columns(parts: SceneParts, body: Body, slope_load: np.ndarray | None, 
     )
     links, contacts = body.link_springs.size, body.isolated.size
     sides = 2 if slope_load is None else 3
-    index = np.zeros(body.springs + sides * body.contacts, dtype=np.int64)
+    index = np.full(body.springs + sides * body.contacts, -1, dtype=np.int64)
     factor = np.ones(index.size)
+    further: list[tuple[int, int, float]] = []
+
+    def enter(entries: np.ndarray, columns: np.ndarray, factors: np.ndarray) -> None:
+        for k in np.flatnonzero(index[entries] >= 0):
+            further.append((int(entries[k]), int(columns[k]), float(factors[k])))
+        free = index[entries] < 0
+        index[entries[free]], factor[entries[free]] = columns[free], factors[free]
+
     index[body.link_springs] = np.arange(links)
     column = links
     for segment, (_, size, _) in zip(body.segments, segments, strict=True):
@@ -185,17 +193,17 @@ def _line_columns(parts: SceneParts, body: Body, slope_load: np.ndarray | None, 
         column += contacts
         for segment, (_, _, size) in zip(body.segments, segments, strict=True):
             places = np.arange(segment.first, segment.last + 1)
-            index[first + places] = column + np.arange(places.size) % size
-            factor[first + places] = body.ground[places]
+            enter(first + places, column + np.arange(places.size) % size, segment.cells)
             column += size
     if slope_load is not None:
         first = body.springs + 2 * body.contacts
         index[first + body.isolated] = column + np.arange(contacts)
         for k, segment in enumerate(body.segments):
             places = np.arange(segment.first, segment.last + 1)
-            index[first + places] = column + contacts + k
-            factor[first + places] = body.ground[places]
-    return Columns(links, contacts, segments, None, index, factor, slope_load, patched=patched)
+            enter(first + places, np.full(places.size, column + contacts + k), segment.cells)
+    entries, added, factors = zip(*further, strict=True) if further else ((), (), ())
+    sums = np.array(entries, np.int64), np.array(added, np.int64), np.array(factors)
+    return Columns(links, contacts, segments, None, index, factor, slope_load, patched=patched, further=sums)
 
 
 def _planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray | None) -> Columns:

@@ -58,6 +58,15 @@ def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
         follows[body.isolated] = _has_coefficient(parts.friction)
         for part, segment in zip(parts.body.segments, body.segments, strict=True):
             follows[segment.contacts] = _has_coefficient(part.friction)
+        given = [(i, _has_coefficient(parts.friction)) for i in body.isolated.tolist()]
+        for part, segment in zip(parts.body.segments, body.segments, strict=True):
+            given += [(i, _has_coefficient(part.friction)) for i in (segment.first, segment.last)]
+        for i, by_coefficient in given:
+            if by_coefficient != follows[i]:
+                raise SceneError(
+                    f"friction: of the parts that touch at {body.position[i]:g} m some have coefficients and some have "
+                    "forces; give all of them the same kind"
+                )
     follows.flags.writeable = False
     return follows
 
@@ -128,7 +137,7 @@ def _read_each(values: Numbers, field: str, what: str, body: Body, doubts: np.nd
     each = np.zeros((*given.shape[:-1], body.contacts))
     each[..., body.isolated] = given[..., : body.isolated.size]
     for k, segment in enumerate(body.segments, body.isolated.size):
-        each[..., segment.contacts] = given[..., k : k + 1] * body.ground[segment.contacts]
+        each[..., segment.contacts] += given[..., k : k + 1] * segment.cells
     return each
 
 
@@ -223,8 +232,8 @@ def assemble_friction(
     frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
     if any(map(_has_coefficient, frictions)) and parts.body.weights is None:
         raise SceneError("body.weights: missing; a coefficient of friction acts on the weight of each contact")
-    press = ground.weight * np.cos(ground.slope)
     if parts.dimension == 2:
+        press = ground.weight * np.cos(ground.slope)
         planar = planar_friction(parts) if body.turning is None else turning_friction(parts)
         if _has_coefficient(parts.friction):
             planar = planar * press[:, None]
@@ -234,16 +243,21 @@ def assemble_friction(
     sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
     if parts.angles:
         raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
-    of_contacts = press[..., body.isolated] if _has_coefficient(parts.friction) else 1.0
+    count = body.isolated.size
+    weights = np.zeros(count + len(body.segments))
+    if parts.body.weights is not None:
+        weights = spread(parts.body.weights, weights.size, "body.weights", "contact(s) and segment")
+    of_contacts = weights[..., :count] * np.cos(ground.slope) if _has_coefficient(parts.friction) else 1.0
     values = []
     for side, name in enumerate(("forward", "backward")):
         mu = _not_negative(spread(sides[side], body.isolated.size, f"friction.{name}", "contact"), name, doubts)
         values.append(mu * of_contacts)
-        for part, segment, (_, _, size) in zip(parts.body.segments, body.segments, columns.segments, strict=True):
+        given = zip(parts.body.segments, body.segments, columns.segments, strict=True)
+        for k, (part, segment, (_, _, size)) in enumerate(given, count):
             varies = size == segment.elements + 1
             field = part.friction.sides[side]
             if _has_coefficient(part.friction):
-                field = field * (press[..., segment.first, None] / body.ground[segment.first])  # weight per length
+                field = field * (weights[..., k, None] * np.cos(ground.slope))
             values.append(_over_contacts(field, body.position[segment.contacts]) if varies else field)
     if columns.loads:
         item = "contact(s) and segment" if body.segments else "contact"

@@ -38,9 +38,8 @@ def read_links(parts: BodyPart) -> tuple[tuple[tuple[int | str, int | str], ...]
         raise SceneError(
             f"body.links.{missing}.between: missing; give it for every link, or for none for the chain of neighbours"
         )
-    count = len(parts.places) + len(parts.segments) - 1
-    if not pairs and len(links) != count:
-        raise SceneError(f"body.links: {len(links)} entries; the chain of neighbours has {count} link(s)")
+    if not pairs and len(links) != parts.gaps:
+        raise SceneError(f"body.links: {len(links)} entries; the chain of neighbours has {parts.gaps} link(s)")
     return pairs or None, tuple(1.0 if link.stiffness is None else link.stiffness for link in links)
 
 

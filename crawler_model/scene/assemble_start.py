@@ -54,6 +54,12 @@ def assemble_start(parts: SceneParts, body: Body, drive: Drive) -> np.ndarray:
     values = spread(given, stations.size, "start.displacement", item)
     x = np.empty((*values.shape[:-1], body.contacts))
     x[..., stations] = values
+    for entry in np.flatnonzero((x[..., stations] != values).any(axis=tuple(range(values.ndim - 1)))):
+        contact = int(stations[entry])
+        raise SceneError(
+            f"start.displacement: entry {entry} is {values[..., entry]:g} m, but another one for the same contact, "
+            f"{body.name_of(contact)}, is {x[..., contact]:g} m; parts that touch move together there"
+        )
     for k, segment in enumerate(body.segments):
         ends = values[..., body.isolated.size + 2 * k :][..., :2].reshape(-1, 2)
         between = [np.linspace(first, last, segment.elements + 1) for first, last in ends]

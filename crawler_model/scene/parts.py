@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 
 from ..arrays import spread
+from ..body.build import touch
 from .friction_parts import (
     Deep,
     FrictionPart,
@@ -41,7 +43,9 @@ class BodyPart(Part):
         default="vector",
     )
     segments: tuple[SegmentPart, ...] = key(
-        "Parts that touch the ground along their whole length; they must not overlap.", default=()
+        "Parts that touch the ground along their whole length; they must not overlap. Segments that touch share the "
+        "contact between them, as does an isolated contact at an end of a segment.",
+        default=(),
     )
     weights: Numbers | None = optional(
         "Weight of each isolated contact (N), then of each segment (N/m): one number for all, or one each. Slopes and "
@@ -79,6 +83,20 @@ class BodyPart(Part):
     def places(self) -> tuple[Any, ...]:
         """Reference positions, whichever key holds them."""
         return self.contacts if self.points is None else self.points
+
+    @property
+    def gaps(self) -> int:
+        """Number of pairs of neighbouring parts that do not touch, which the links of a chain join."""
+        count = len(self.places) + len(self.segments) - 1
+        if not self.segments or any(isinstance(place, tuple) for place in self.places):
+            return count
+        ends = sorted([(place, place) for place in self.places] + [(s.start, s.stop) for s in self.segments])
+        return count - sum(touch(here[1], there[0]) for here, there in itertools.pairwise(ends))
+
+    @property
+    def shares_contacts(self) -> bool:
+        """Whether some of its parts touch."""
+        return self.gaps < len(self.places) + len(self.segments) - 1
 
     @property
     def is_bent(self) -> bool:

@@ -109,9 +109,28 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
 
 
 def _blocks(body: Body, friction: np.ndarray) -> np.ndarray:
-    """Sum friction over the blocks that can move rigidly: isolated contacts and whole segments."""
-    segments = [friction[:, s.contacts].sum(axis=1, keepdims=True) for s in body.segments]
-    return np.hstack((friction[:, body.isolated], *segments))
+    """Sum friction over the blocks that can move rigidly: isolated contacts and whole runs of segments that touch."""
+    return np.hstack([friction[:, block].sum(axis=1, keepdims=True) for block in find_blocks(body)])
+
+
+def find_blocks(body: Body) -> list[np.ndarray]:
+    """Find the contacts that can only move as one if none of them slides another way.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The indices of each isolated contact, then of each run of segments that touch, which includes the isolated
+        contacts at their ends.
+    """
+    runs: list[list[int]] = []
+    for segment in sorted(body.segments, key=lambda each: each.first):
+        if runs and segment.first == runs[-1][1]:
+            runs[-1][1] = segment.last
+        else:
+            runs.append([segment.first, segment.last])
+    alone = [i for i in body.isolated.tolist() if not any(first <= i <= last for first, last in runs)]
+    return [*(np.array([i]) for i in alone), *(np.arange(first, last + 1) for first, last in runs)]
 
 
 def translation_interval(velocity: ArrayLike, forward: ArrayLike, backward: ArrayLike) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
 from crawler_model.body.turning_tree import TurningTree
 
-from ..wire.states import free_angle_names, station_names, tree_of_joints
+from ..wire.states import first_stations, free_angle_names, station_names, tree_of_joints
 
 _CONTACT_COLOUR = "0.16 0.47 0.71 1"
 _BODY_COLOUR = "0.55 0.55 0.58 1"
@@ -67,6 +67,10 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
         offset, limits = place[new] - place[known], (_REACH * span, efforts.get(joint, _EFFORT))
         _add_joints(robot, joints[joint], frames[known], frames[new], offset, sign, limits, planar)
         _add_rod(links[known], offset, size)
+    for new, known in enumerate(first_stations(body).tolist()):
+        if known != new:
+            names = (f"{stations[new]}_fixed", "fixed"), (frames[known], frames[new])
+            _add_joint(robot, *names, (np.zeros(3), 0.0), (1.0, 0.0, 0.0))
     return _write(robot)
 
 

@@ -78,7 +78,7 @@ def parts_of(body: Body) -> Parts:
     count = body.isolated.size
     groups = [np.array([contact]) for contact in body.isolated]
     groups += [np.arange(s.first, s.last + 1) for s in body.segments]
-    shares = [np.ones(1)] * count + [body.share[g] / body.share[g].sum() for g in groups[count:]]
+    shares = [np.ones(1)] * count + [s.cells / s.length for s in body.segments]
     return _build(body.stations, station_names(body), groups, shares)
 
 

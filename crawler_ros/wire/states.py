@@ -128,13 +128,15 @@ def shown_contacts(body: Body) -> np.ndarray:
         body: the body.
 
     Returns:
-        The isolated ones, then each segment's: all of them, or `shown` evenly spaced ones.
+        The isolated ones, then each segment's: all of them, or `shown` evenly spaced ones. One that parts share is
+        listed once.
     """
     parts = [body.isolated]
     for segment in body.segments:
         count = min(segment.shown or segment.elements + 1, segment.elements + 1)
         parts.append(segment.first + np.round(np.linspace(0, segment.elements, count)).astype(np.int64))
-    return np.concatenate(parts).astype(np.int64)
+    together = np.concatenate(parts).astype(np.int64)
+    return together[np.sort(np.unique(together, return_index=True)[1])]
 
 
 def contact_names(body: Body) -> list[str]:
@@ -150,6 +152,19 @@ def contact_names(body: Body) -> list[str]:
     return _each_axis([names[c] for c in shown_contacts(body)], body)
 
 
+def first_stations(body: Body) -> np.ndarray:
+    """Find for each station the first one at the same contact: itself, unless parts share the contact.
+
+    Args:
+        body: the body.
+
+    Returns:
+        Indices of stations, shape (Q,).
+    """
+    _, first, which = np.unique(body.stations, return_index=True, return_inverse=True)
+    return np.asarray(first[which.ravel()])
+
+
 def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:
     """Order the joints along a tree that starts at the root; joints that close a loop are left out.
 
@@ -157,8 +172,8 @@ def tree_of_joints(body: Body) -> list[tuple[int, int, int, float]]:
         body: the body.
 
     Returns:
-        For each other station: the station before it, the station itself, the joint between them, and 1.0 if that joint
-        goes from the former to the latter, else -1.0.
+        For each other station, if it is the first at its contact: the station before it, the station itself, the joint
+        between them, and 1.0 if that joint goes from the former to the latter, else -1.0.
     """
     steps: list[tuple[int, int, int, float]] = []
     neighbours: list[list[tuple[int, int, float]]] = [[] for _ in range(body.stations.size)]
@@ -189,6 +204,7 @@ class StationReader:
         self.size = len(joint_state_names(body))
         """Number of positions in joint_states."""
         self._stations = body.stations.size
+        self._first = first_stations(body)
         self._steps = tree_of_joints(body)
 
     def read(self, values: np.ndarray) -> np.ndarray:
@@ -209,4 +225,4 @@ class StationReader:
         result[0] = table[0]
         for known, new, joint, sign in self._steps:
             result[new] = result[known] + sign * table[1 + joint]
-        return result
+        return result[self._first]

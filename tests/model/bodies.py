@@ -17,6 +17,8 @@ from .bent_bodies import draw_link
 CHAIN, GRAPH, SEGMENT, HYBRID = "chain", "graph", "segment", "hybrid"
 DISCS, POLYGONS = "plane, discs", "plane, polygons"
 ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
+CHAMBERS = "chambers"
+"""Three segments that touch."""
 BENT = tuple(f"bent {kind}" for kind in ON_A_LINE)
 """With springs of every kind, and loads."""
 HYSTERETIC = (f"hysteretic {CHAIN}",)
@@ -169,6 +171,8 @@ def _parts_on_a_line(kind: str, rng: np.random.Generator) -> tuple[int, list[tup
     """Return the number of contacts, what links join, and the number of segments."""
     if kind == SEGMENT:
         return 0, [], 1
+    if kind == CHAMBERS:
+        return 0, [], 3
     if kind == HYBRID:
         return 3, [(0, 1), (1, 2), (2, "s0.from"), ("s0.to", "s1.from"), (0, "s1.to")], 2
     if kind == GRAPH:
@@ -191,10 +195,10 @@ def _on_a_line(drawn: Drawn, rng: np.random.Generator, length: float, force: flo
     if drawn.bare:
         mu = mu * (rng.random(mu.shape) < 0.7)
     between = _reflected(between, n) if mirrored else between
-    parts = []
+    parts, pitch, elements = [], *((1.0, 7) if drawn.kind == CHAMBERS else (2.0, 20))
     for k in range(segments):
-        ends = (-11.0 - 2 * k, -10.0 - 2 * k) if mirrored else (10.0 + 2 * k, 11.0 + 2 * k)
-        parts.append({"name": f"s{k}", "from": ends[0] * length, "to": ends[1] * length, "elements": 20})
+        ends = (-11.0 - pitch * k, -10.0 - pitch * k) if mirrored else (10.0 + pitch * k, 11.0 + pitch * k)
+        parts.append({"name": f"s{k}", "from": ends[0] * length, "to": ends[1] * length, "elements": elements})
     friction = np.hstack((mu * force, spread * force / length))
     commands = [friction * (f if drawn.commanded else 1.0) for f in factors]
     if mirrored:  # contacts in reverse order, segments in their own

@@ -71,7 +71,7 @@ def apply_changes(
     for k, change in enumerate(changes):
         if change.stiffness is not None:
             parts["stiffness"][:, k] = change.stiffness
-    parts["targets"] = np.stack([change.rows[:, columns.index] * columns.factor for change in changes], axis=-1)
+    parts["targets"] = np.stack([columns.spread(change.rows) for change in changes], axis=-1)
     wide = {name: np.concatenate((getattr(derivatives, name), part), axis=-1) for name, part in parts.items()}
     names = (*derivatives.names, *(change.name for change in changes))
     values = np.append(derivatives.values, np.zeros(count))

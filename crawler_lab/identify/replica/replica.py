@@ -278,13 +278,12 @@ class Replica:
                 part[springs + n : springs + 2 * n] -= load
             raw[-n:] -= slope
             d_raw[-n:] -= d_slope
-        _, first = np.unique(columns.index, return_index=True)
-        row, d_row = raw[first] / columns.factor[first], d_raw[first] / columns.factor[first][:, None]
+        row, d_row = columns.gather(raw), columns.gather(d_raw)
         commanded = [columns.names.index(name) for name in self.measured.command_names]
         rows = np.tile(row, (self.measured.command_time.size, 1))
         rows[:, commanded] = self.measured.commands
         d_row[commanded] = 0.0
-        d_target = d_row[columns.index] * columns.factor[:, None]
+        d_target = np.ascontiguousarray(columns.spread(d_row.T).T)
         if slope is not None:
             d_target[-n:] += d_slope
             d_target[springs : springs + n] -= d_target[-n:]

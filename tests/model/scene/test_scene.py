@@ -560,11 +560,10 @@ WRONG_BODIES = [
     (with_segments({"shown": 1}), "shown: 1; it must be at least 2, as both ends are shown"),
     (
         with_segments({}, {"name": "b", "from": 0.5, "to": 2}),
-        "segment b from 0.5 m meets segment trunk, which reaches to 1",
+        "segment b from 0.5 m lies inside segment trunk, which reaches to 1 m; segments must not overlap",
     ),
     (with_segments({}, {"from": 2, "to": 3}), "two segments are named 'trunk'"),
-    (with_segments({}, contacts=[0.5]), "contact 0 at 0.5 m meets segment trunk, which reaches to 1 m"),
-    (with_segments({}, contacts=[1.0]), "segments and contacts must not overlap or touch"),
+    (with_segments({}, contacts=[0.5]), "contact 0 at 0.5 m lies inside segment trunk, which reaches to 1 m"),
     (with_segments({}, contacts=[2], links={"between": [["trunk.end", 0]]}), "link 0 joins 'trunk.end'; an end is"),
     (with_segments({}, contacts=[2], links={"between": [["tail.to", 0]]}), "link 0 joins tail.to; there are contacts"),
     (with_segments({}, contacts=[2], links={"between": []}), "no links lead from segment trunk to contact 0"),
