@@ -249,7 +249,10 @@ WRONG = [
     ([("friction/angle", [0.1, 0.2])], "friction.angle: 2 value(s) for 4 point(s); give one number or 4"),
     ([("friction/law", "viscous")], "friction.law: 'viscous'; it must be 'most_dissipative' or 'along_velocity'"),
     ([("friction/left", None)], "friction: give both `left` and `right`, or neither"),
-    ([("friction/forward", None)], "friction: give `forward`, `backward`, `left` and `right` together, or `isotropic`"),
+    (
+        [("friction/forward", None)],
+        "friction: give `forward`, `backward`, `left` and `right` together, or only `isotropic`",
+    ),
     (
         [("friction", {"forward": 1, "backward": 1})],
         "friction.left: missing; with `springs: length` give forward, back",
