@@ -1,11 +1,13 @@
 """How far masses change the gain: the model against bodies with masses, stepped through time with exact friction.
 
 The judge is the theta method of Moreau and Jean with theta = 1/2, which has no numerical damping: in each step the
-velocities at its end minimise a strictly convex function, in which friction is exact. Links have dashpots.
+velocities at its end minimise a strictly convex function, in which friction is exact. Links have dashpots. MuJoCo, if
+it is installed, steps the same bodies in its own way, as a second judge.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,12 +16,14 @@ import numba
 import numpy as np
 
 from crawler_model import Scene, simulate
-from crawler_model.run.inertia import BOUND, DAMPED, PREDICTABLE, UNDAMPED
+from crawler_model.run.inertia import BOUND, DAMPED, PREDICTABLE, UNDAMPED, stiffness_at_contacts
 from crawler_pictures.style import own_style
 
 BODIES, QUICK = 10, 2
 NUMBERS = (0.02, 0.035, 0.06, 0.1, 0.15, 0.2, 0.28, 0.5, 1.0)
 """Inertia numbers at which each body is run."""
+COMPARED = (0.06, 0.2)
+"""Those at which MuJoCo steps it, too."""
 DAMPING = (0.05, 0.5)
 """Ratios of damping: lightly and well damped."""
 _PERIODS = 6
@@ -107,10 +111,8 @@ def step_with_masses(scene: Scene, masses: np.ndarray, damping: float, periods: 
     incidence = np.zeros((body.springs, body.contacts))
     incidence[np.arange(body.springs), a], incidence[np.arange(body.springs), b] = -1.0, 1.0
     stiffness = incidence.T @ (body.stiffness[:, None] * incidence)
-    dashpot = 2.0 * damping * np.sqrt(body.stiffness * 0.5 * (masses[a] + masses[b]))
-    viscous = incidence.T @ (dashpot[:, None] * incidence)
-    fastest = float(np.sqrt((np.diag(stiffness) * 2.0 / masses).max()))
-    steps = max(int(np.ceil(drive.period * fastest / _PHASE)), 2000)
+    viscous = incidence.T @ (_dashpots(scene, masses, damping)[:, None] * incidence)
+    steps = _count_steps(scene, masses)
     at = np.linspace(0.0, 1.0, steps + 1) * drive.period
     times, rows = np.append(drive.times, drive.period), np.vstack((drive.targets, drive.targets[:1]))
     rows = rows[: times.size] if drive.times[-1] < drive.period else rows[:-1]
@@ -120,6 +122,72 @@ def step_with_masses(scene: Scene, masses: np.ndarray, damping: float, periods: 
     bounds = table[:, body.springs : body.springs + 2 * body.contacts]
     x = np.array(scene.start_displacement)
     return _step(x, masses, stiffness, viscous, force, bounds, drive.period / steps, body.share, periods)
+
+
+def _dashpots(scene: Scene, masses: np.ndarray, damping: float) -> np.ndarray:
+    """Compute the viscosity of each link for a ratio of damping, shape (S,) [N s/m]."""
+    return np.asarray(2.0 * damping * np.sqrt(scene.body.stiffness * masses[scene.body.ends].mean(axis=1)))
+
+
+def _count_steps(scene: Scene, masses: np.ndarray) -> int:
+    """Count the steps of a period that follow the fastest oscillation."""
+    assert scene.drive.period is not None
+    fastest = float(np.sqrt((stiffness_at_contacts(scene.body) * 2.0 / masses).max()))
+    return max(int(np.ceil(scene.drive.period * fastest / _PHASE)), 2000)
+
+
+def step_in_mujoco(scene: Scene, masses: np.ndarray, damping: float, periods: int = _PERIODS) -> np.ndarray:
+    """Step the same body in MuJoCo: slide joints with friction loss, tendons with stiffness and damping between them.
+
+    Friction that differs forward and backward is its mean, which MuJoCo knows, and a constant force of half of the
+    difference. Friction is as hard as steps allow.
+
+    Args:
+        scene: the body and its drive, with constant friction.
+        masses: of each contact, shape (N,) [kg].
+        damping: of each link, relative to the critical damping of its ends.
+        periods: number of periods.
+
+    Returns:
+        y gained in each period, shape (periods,) [m].
+    """
+    import mujoco
+
+    body, drive = scene.body, scene.drive
+    assert drive.period is not None
+    steps = _count_steps(scene, masses)
+    h, forward, backward = drive.period / steps, drive.forward[0], drive.backward[0]
+    joint = f'type="slide" axis="1 0 0" solreffriction="{2.0 * h!r} 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'
+    contacts = "".join(
+        f'<body><joint name="c{i}" {joint} frictionloss="{loss!r}"/>'
+        f'<geom size="0.01" mass="{mass!r}" contype="0" conaffinity="0"/></body>'
+        for i, (loss, mass) in enumerate(zip((0.5 * (forward + backward)).tolist(), masses.tolist(), strict=True))
+    )
+    springs = zip(body.stiffness.tolist(), _dashpots(scene, masses, damping).tolist(), body.ends.tolist(), strict=True)
+    tendons = "".join(
+        f'<fixed stiffness="{k!r}" damping="{c!r}" springlength="1"><joint joint="c{a}" coef="-1"/>'
+        f'<joint joint="c{b}" coef="1"/></fixed>'
+        for k, c, (a, b) in springs
+    )
+    model: Any = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option gravity="0 0 0" timestep="{h!r}" integrator="implicitfast" iterations="50" '
+        'tolerance="1e-12" noslip_iterations="20" noslip_tolerance="1e-12"/>'
+        '<compiler boundmass="1e-15" boundinertia="1e-15"/>'
+        f"<worldbody>{contacts}</worldbody><tendon>{tendons}</tendon></mujoco>"
+    )
+    data: Any = mujoco.MjData(model)
+    apart = 1000.0 * np.arange(body.contacts)  # makes rest lengths positive, as tendons require
+    data.qpos[:], data.qfrc_applied[:] = scene.start_displacement + apart, 0.5 * (backward - forward)
+    ends = np.rint(np.arange(1, steps + 1) * (1e9 * h)).astype(np.int64)
+    lengths = drive.sample(ends)[:, : body.springs] + np.diff(apart[body.ends], axis=1)[:, 0]
+    rows, gains = np.repeat(lengths[:, :, None], 2, axis=2), np.zeros(periods)
+    for period in range(periods):
+        before = np.array(data.qpos)
+        for row in rows:
+            model.tendon_lengthspring[:] = row
+            mujoco.mj_step(model, data)
+        gains[period] = body.share @ (data.qpos - before)
+    return gains
 
 
 @numba.njit(cache=False)
@@ -182,11 +250,12 @@ def measure_inertia(bodies: int, progress: Callable[[float], None]) -> list[dict
 
     Returns:
         A row for each body, inertia number and ratio of damping: the relative deviation of the mean gain of the last
-        periods, and its ratio to the number; then a row for each ratio of damping, of all bodies up to the largest
-        predictable number: median, 95 % quantile and maximum of the size of these ratios, and how many runs deviate by
-        more than is announced.
+        periods, its ratio to the number, and the deviation in MuJoCo, None where it was not run; then a row for each
+        ratio of damping, of all bodies up to the largest predictable number: median, 95 % quantile and maximum of the
+        size of these ratios, how many runs deviate by more than is announced, and by how much MuJoCo differs at most.
     """
     rows: list[dict[str, Any]] = []
+    peer = importlib.util.find_spec("mujoco") is not None
     scenes = build_bodies(bodies)
     for done, scene in enumerate(scenes):
         run = simulate(scene)
@@ -197,10 +266,12 @@ def measure_inertia(bodies: int, progress: Callable[[float], None]) -> list[dict
             masses = heavy.ground.masses
             assert masses is not None
             for damping in DAMPING:
-                found = float(step_with_masses(heavy, masses, damping)[_PERIODS // 2 :].mean())
+                steppers = [step_with_masses, *([step_in_mujoco] if peer and number in COMPARED else [])]
+                found = [step(heavy, masses, damping)[_PERIODS // 2 :].mean() for step in steppers]
                 row = {"case": scene.name, "n": scene.body.contacts, "number": number, "damping": damping}
-                deviation = found / gain - 1.0
-                rows.append(row | {"gain": gain, "deviation": deviation, "ratio": abs(deviation) / number})
+                deviation, *others = [float(one) / gain - 1.0 for one in found]
+                row |= {"gain": gain, "deviation": deviation, "ratio": abs(deviation) / number}
+                rows.append(row | {"mujoco": others[0] if others else None})
         progress((done + 1) / len(scenes))
     return rows + [_summarise(rows, damping) for damping in DAMPING]
 
@@ -211,7 +282,8 @@ def _summarise(rows: list[dict[str, Any]], damping: float) -> dict[str, Any]:
     median, high = (float(np.quantile(ratios, q)) for q in (0.5, 0.95))
     beyond = int((ratios > BOUND).sum())
     facts = {"median": median, "quantile_95": high, "most": float(ratios.max()), "runs": len(some), "beyond": beyond}
-    return {"case": "all bodies", "damping": damping} | facts
+    apart = [abs(row["mujoco"] - row["deviation"]) for row in some if row["mujoco"] is not None]
+    return {"case": "all bodies", "damping": damping} | facts | {"mujoco": max(apart, default=None)}
 
 
 @own_style()

@@ -14,7 +14,7 @@ KEYS = {"case": str, "n": int, "method": str, "us_per_tick": float, "error": flo
 PARTS = {
     "growth": {"case", "method", "n", "ms", "pieces", "overspent", "to_catch_up", "exponent", "note"},
     "identify": {"case", "recording", "noise", "method", "called_determined", "worst_error", "missed", "seconds"},
-    "inertia": {"case", "n", "number", "damping", "gain", "deviation", "ratio"},
+    "inertia": {"case", "n", "number", "damping", "gain", "deviation", "ratio", "mujoco"},
     "many": {"case", "scene", "n", "variations", "workers", "runs_per_s", "us_per_run", "in_kernels"},
     "node": {"case", "n", "recording", "subscriber", "driven", "every", "ticks_per_s", "us_per_tick", "real_time"},
     "replay": {"case", "messages", "simulated_s", "what", "seconds", "messages_per_s", "memory_mb"},
