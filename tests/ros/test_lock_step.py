@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,21 +79,34 @@ def ticks(ros: Graph) -> list[int]:
     return [round(100 * seconds(s)) for s in unrepeated(ros.heard["joint_states"])]
 
 
-def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(tmp_path):
+def write_loose(path: Path) -> Path:
+    """Write a scene whose springs have hysteresis and whose actuators have backlash."""
+    document = load_scene("rubber_worm").document()
+    body = document["body"] | {"links": document["body"]["links"] | {"backlash": 0.02}}
+    path.write_text(json.dumps(document | {"body": body}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("remembers", [False, True])
+def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(remembers, tmp_path):
+    """Also of a body that remembers: its start and the commands are all that it takes."""
+    scene = write_loose(tmp_path / "loose.json") if remembers else SCENE
     runs = []
     for i in range(2):
         folder = tmp_path / str(i)
         folder.mkdir()
         with graph(folder) as ros:
             ros.hear("joint_states")
-            process = ros.start("crawler_ros.node.simulator", *LOCK_STEP, f"record:={folder / 'bags'}")
+            process = ros.start(
+                "crawler_ros.node.simulator", "lock_step:=true", f"scene:={scene}", f"record:={folder / 'bags'}"
+            )
             runs.append(close_the_loop(ros))
             process.end()
         (bag,) = (folder / "bags").iterdir()
         assert simulate_again(bag).identical
     assert np.array_equal(runs[0], runs[1])
 
-    crawler = Crawler(load_scene(SCENE))
+    crawler = Crawler(load_scene(scene))
     for before, after in zip(runs[0][:-1], runs[0][1:], strict=True):
         seen = JointState(position=before.tolist())
         crawler.advance(act(seen))
