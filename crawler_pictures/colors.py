@@ -17,6 +17,8 @@ WALL = "#5b4636"
 """Walls on the track."""
 STALLED = "#e6007e"
 """Links whose actuator stalls; slack links are grey and sag."""
+YIELDING = "#5a2a6b"
+"""Links whose elements of hysteresis yield."""
 CONTACTS = ("#1f3fbf", "#1fa8c8")
 """The two contacts of a body, where both are drawn as lines."""
 LINES = ("#2f5fc4", "#e08a1e", "#1b1b1b", "#56b4e9", "#665c00", "#e07ab8", "#5a2a6b", "#8a8a8a")

@@ -11,6 +11,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 
 from ..ground import has_stasis_bounds, local_bounds
+from ..marks import can_be_marked, mark_springs
 
 MOST_FRAMES = 20_000
 """More frames are refused: at 25 a second they are a film of 13 minutes."""
@@ -33,7 +34,7 @@ class Film:
         tension: of each spring, of vector springs in the plane its size, shape (F, J) [N].
         forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
         backward: bounds in the other direction, of the same shape [N].
-        yields: of each spring -1 slack, 1 stalled, else 0, int8, shape (F, J); (F, 0) without limits of tension.
+        yields: mark of each spring, see `marks`, int8, shape (F, J); (F, 0) where none can be marked.
     """
 
     scene: Scene
@@ -128,9 +129,9 @@ def film_of_run(scene: Scene, run: Trajectory) -> Film:
         tension = np.linalg.norm(tension, axis=2)
     forward = backward = np.zeros((run.time.size, 0))
     yields, times_ns = np.zeros((run.time.size, 0), np.int8), np.rint(run.time * NS).astype(np.int64)
-    if body.limits.index.size:
+    if can_be_marked(body):
         actuation = scene.drive.sample(times_ns)[:, : body.springs]
-        yields = body.limits.find_all_states(body.elongation(run.displacement), actuation)
+        yields = mark_springs(body, body.elongation(run.displacement), actuation, tension)
     if has_stasis_bounds(body):
         targets = scene.drive.sample(times_ns)
         bounds = [local_bounds(scene, target, x) for target, x in zip(targets, run.displacement, strict=True)]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..colors import BACK, FORWARD, GREY, STALLED
+from ..colors import BACK, FORWARD, GREY, STALLED, YIELDING
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
 from .camera import watch_set, watch_track
@@ -26,7 +26,7 @@ Rolling: TypeAlias = "tuple[Axes, np.ndarray, np.ndarray]"
 """Axes, and their left and right limits in each frame."""
 _DARK = "#202020"
 _COLORS = {0: "#9a9a9a", 1: FORWARD, -1: BACK}
-_YIELDS = {-1: "thin grey slack", 1: "magenta stalled"}
+_YIELDS = {-1: "thin grey slack", 1: "magenta stalled", 2: "violet yielding"}
 _ARROW = ((-1.0, 0.16), (0.1, 0.16), (0.1, 0.5), (1.0, 0.0), (0.1, -0.5), (0.1, -0.16), (-1.0, -0.16), (-1.0, 0.16))
 
 
@@ -116,7 +116,7 @@ def ropes(start: np.ndarray, end: np.ndarray, sag: float, bow: np.ndarray) -> np
 
 
 def explain_yields(film: Film, count: int) -> str:
-    """Explain how links that are slack or stalled are drawn.
+    """Explain how links that are slack, stalled or yielding are drawn.
 
     Args:
         film: the film.
@@ -165,6 +165,7 @@ class LinePanel:
         width = 1.4 if self._teeth else 1.0
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=width, zorder=2)
         (self._stalled,) = axes.plot([], [], color=STALLED, linewidth=width + 1.2, zorder=2)
+        (self._yielding,) = axes.plot([], [], color=YIELDING, linewidth=width + 1.2, zorder=2)
         (self._slack,) = axes.plot([], [], color=GREY, linewidth=1.2, zorder=2)
         limited = film.yields.shape[1] == self._joints.shape[0]
         self._yields = film.yields if limited else np.zeros((film.time.size, self._joints.shape[0]), np.int8)
@@ -173,7 +174,7 @@ class LinePanel:
         self.moving: list[Artist] = [] if self.rolling is None else ground
         self.moving += [
             self._links,
-            *([self._stalled, self._slack] if limited else []),
+            *([self._stalled, self._yielding, self._slack] if limited else []),
             *self._dots.values(),
             *self._arrows.values(),
             *self._names,
@@ -221,7 +222,7 @@ class LinePanel:
         if self.rolling is not None:
             self._axes.set_xlim(self._left[k], self._right[k])
         points = np.column_stack((place, np.full(place.size, height)))
-        for value, links in ((0, self._links), (1, self._stalled), (-1, self._slack)):
+        for value, links in ((0, self._links), (1, self._stalled), (2, self._yielding), (-1, self._slack)):
             which = self._yields[k] == value
             links.set_data(*self._springs(points, which, value < 0).T)
             links.set_visible(bool(which.any()))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK
+from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK, YIELDING
 from ..domain_text import FACE, SECTION
 from ..ground import list_sections
 from ..run.kymograph import HEIGHT, MOST_LINES, WIDTH
@@ -68,7 +68,7 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         "arrows": chosen.size <= MOST_ARROWS,
         "coils": joints.shape[0] <= MOST_COILS,
         "colors": {"1": FORWARD, "0": "#9a9a9a", "-1": BACK, "2": BOTH, "stick": STICK, "grey": GREY}
-        | {"face": FACE, "section": SECTION, "stalled": STALLED},
+        | {"face": FACE, "section": SECTION, "stalled": STALLED, "yielding": YIELDING},
         "yields": _pack(film.yields, "i1") if film.yields.shape[1] == joints.shape[0] else None,
         "strokes": None,
         "kymograph": None,

@@ -12,6 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import FORWARD, JUMP, rgb
 from crawler_pictures.film.camera import mark_ticks, round_step
 from crawler_pictures.film.panels import MOST_ARROWS, bows
+from crawler_pictures.marks import SLACK, STALLED, YIELDING, can_yield
 from crawler_pictures.strokes import WORDS, friction_strokes
 
 from .frames import Frame
@@ -31,7 +32,7 @@ from .looks import (
 
 MOST_CONTACTS = 400
 """Contacts that are drawn; of larger bodies evenly spaced ones."""
-_YIELDS = {-1: "thin grey slack", 1: "thick magenta stalled"}
+_YIELDS = {-1: "thin grey slack", 1: "thick magenta stalled", 2: "thick violet yielding"}
 _MOST_WAYPOINTS = 32
 _PAGE = 1.6  # distance that the body walks before the page turns, in body lengths
 _JUMP_SHOWN_NS = 500_000_000
@@ -75,7 +76,8 @@ class _View:
         self._note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
         self._note += ", of segments the ends" if body.segments else ""
         limits = body.joint_limits
-        words = [word for state, word in _YIELDS.items() if limits.can_be(state).any() and n <= MOST_CONTACTS]
+        may = {state: limits.can_be(state).any() for state in (SLACK, STALLED)} | {YIELDING: can_yield(body)}
+        words = [word for state, word in _YIELDS.items() if may[state] and n <= MOST_CONTACTS]
         self._yields = f"; links: {', '.join(words)}" if words else ""
         self._many = self._chosen.size > MOST_ARROWS
         self._radius = self._length * min(0.045, 0.045 if self._planar else 0.35 / self._chosen.size)
@@ -92,7 +94,7 @@ class _View:
         Args:
             points: the contacts in the view, shape (K, 2) [m].
             colors: of the contacts.
-            yields: of each joint -1 slack, 1 stalled, else 0, shape (J,); empty where no link has limits of tension.
+            yields: mark of each joint, see `crawler_pictures.marks`, shape (J,); empty where none can be marked.
         """
         radii = rr.Radius.ui_points(2.5) if self._many else self._radius
         self._stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
@@ -107,7 +109,7 @@ class _View:
             ]
             thickness = line_radius(0.1 * self._radius, self._length)
             if states.any():
-                thickness = thickness * np.array([0.5, 1.0, 2.0])[1 + states]
+                thickness = thickness * np.array([0.5, 1.0, 2.0, 2.0])[1 + states]
         colors = [YIELDS.get(state, color_of(i)) for i, state in enumerate(states.tolist())]
         drawn = rr.LineStrips2D(springs, colors=colors, radii=thickness, draw_order=1.0)
         self._stream.log("world/links", drawn)

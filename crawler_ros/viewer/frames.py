@@ -20,6 +20,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.motion.jump import Jump
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.ground import has_stasis_bounds, local_bounds
+from crawler_pictures.marks import can_be_marked, mark_joints
 
 from ..recording.recorded_robot import Robot, noted_robot
 from ..wire.states import StationReader
@@ -108,7 +109,7 @@ def frame_sizes(scene: Plan) -> list[int]:
     body = scene.body
     stations, joints = body.stations.size, body.joints.shape[0]
     friction = stations if has_stasis_bounds(body) else 0
-    limited = joints if body.joint_limits.index.size else 0
+    limited = joints if can_be_marked(body) else 0
     return [stations * body.dimension, joints, stations, friction, friction, scene.drive.rows.shape[-1], limited]
 
 
@@ -164,7 +165,7 @@ def frame_of_tick(
         scene: the scene.
         time_ns: simulated time [ns].
         displacement: of each station, shape (Q,), in the plane (Q, 2) [m].
-        elongation: of each joint, shape (J,) [m]; used where joints have limits of tension.
+        elongation: of each joint, shape (J,) [m]; used where joints can be marked.
         tension: of each joint, shape (J,), in the plane (J, 2), of a body that turns torques too [N].
         state: motion of each station since the frame before.
         row: the command row in force.
@@ -178,9 +179,9 @@ def frame_of_tick(
     if has_stasis_bounds(body):
         forward, backward = local_bounds(scene, scene.columns.target(row), displacement)
     yields = np.zeros(0, np.int8)
-    if body.joint_limits.index.size:
+    if can_be_marked(body):
         actuation = scene.columns.target(row)[: body.springs]
-        yields = body.joint_limits.find_all_states(elongation, body.joint_sum(actuation))
+        yields = mark_joints(body, elongation, body.joint_sum(actuation), tension)
     sizes = _sizes(body, tension)
     return Frame(time_ns, displacement.ravel(), sizes, state, forward, backward, row, jumps, yields)
 

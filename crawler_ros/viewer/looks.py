@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from crawler_pictures.colors import BACK, FORWARD, STALLED, rgb
+from crawler_pictures.colors import BACK, FORWARD, STALLED, YIELDING, rgb
 from crawler_pictures.film.camera import mark_ticks
 
 BACKGROUND = [13, 16, 17]
@@ -16,7 +16,7 @@ BACKGROUND = [13, 16, 17]
 STICK = (125, 125, 125)
 STATES = {-1: rgb(BACK), 0: STICK, 1: rgb(FORWARD)}
 """Colours of the states of a contact."""
-YIELDS = {-1: (150, 150, 150), 1: rgb(STALLED)}
+YIELDS = {-1: (150, 150, 150), 1: rgb(STALLED), 2: rgb(YIELDING)}
 """Colours of links that are slack and stalled."""
 LINES = (
     *((86, 140, 250), (236, 150, 50), (190, 120, 240), (40, 185, 185)),

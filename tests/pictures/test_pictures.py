@@ -112,11 +112,13 @@ def test_frames_survive_the_pipe():
             assert np.array_equal(getattr(frame, name), getattr(same, name))
 
 
-@pytest.mark.parametrize("name", ["tendon_worm", "stalling_inchworm"])
-def test_links_are_slack_or_stalled_in_a_recording_when_they_are_in_the_run(name, tmp_path):
+@pytest.mark.parametrize("name", ["tendon_worm", "stalling_inchworm", "rubber_worm"])
+def test_links_are_slack_stalled_or_yielding_in_a_recording_when_they_are_in_the_run(name, tmp_path):
     path = record(tmp_path / "bag", name, 2, wait=0.0)
     scene, recorded = frames_of_recording(path)
-    assert [f.yields.tolist() for f in recorded] == [f.yields.tolist() for f in frames(name, 4.0)]
+    marks = [f.yields.tolist() for f in recorded]
+    assert marks == [f.yields.tolist() for f in frames(name, 2.0 * scene.drive.period)]
+    assert {mark for row in marks for mark in row} == {0, {"t": -1, "s": 1, "r": 2}[name[0]]}
     assert scene == load_scene(name)
 
 
