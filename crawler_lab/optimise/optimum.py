@@ -67,7 +67,7 @@ class Weakness:
     above: float | None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Optimum:
     """The best gait that was found.
 
