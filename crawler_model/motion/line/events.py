@@ -314,15 +314,33 @@ def _solve_blocks(contacts, springs, model, ramp, count):
 
 
 @lean
-def _sample_before(contacts, springs, model, ground, ramp):
-    """Update the visited margin before borders change bounds at once, and before flat springs become stiff."""
-    if ground is None and model.curves is None:
+def _sample(contacts, springs, model, curves, ramp):
+    """Update the visited margin by all parts at s."""
+    begin_parts(contacts, springs, model, curves, ramp)
+    while next_part(model.block, curves, ramp, contacts.shape[0]):
+        sample_margin(contacts, springs, model, curves, ramp)
+
+
+@lean
+def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
+    """Advance the ramp to the end of a stretch, where borders change bounds at once, and springs that are flat stiffen.
+
+    The visited margin is updated before. Bent springs divide a body in parts: those between two events that are met
+    together but for rounding do not count.
+    """
+    begin, ramp.s = ramp.s, s
+    if ground is None and curves is None:
         return
     if contacts.shape[0] > ramp.few or ramp.falling:  # `sample_margin` would do nothing, for each part
         return
-    begin_parts(contacts, springs, model, model.curves, ramp)
-    while next_part(model.block, model.curves, ramp, contacts.shape[0]):
-        sample_margin(contacts, springs, model, model.curves, ramp)
+    if curves is not None:
+        if s - begin <= CRITICAL:
+            return
+        ramp.s = begin
+        _sample(contacts, springs, model, curves, ramp)
+        ramp.s = s
+    if s < ramp.end:
+        _sample(contacts, springs, model, curves, ramp)
 
 
 @lean
@@ -356,7 +374,7 @@ def follow_events(contacts, springs, model, ramp):
         if ramp.shifted:
             note_all(model.pieces, contacts, ramp)
         if not s < ramp.end:
-            ramp.s = ramp.end
+            _advance_ramp(contacts, springs, model, ground, model.curves, ramp, ramp.end)
             if find_due_at_end(contacts, model.block, ground, ramp):
                 continue
             if not ramp.falling:
@@ -369,6 +387,5 @@ def follow_events(contacts, springs, model, ramp):
         if s > ramp.s:
             ramp.events += 1.0
             ramp.passed = 0
-        ramp.s = s
-        _sample_before(contacts, springs, model, ground, ramp)
+        _advance_ramp(contacts, springs, model, ground, model.curves, ramp, s)
         count = _meet(contacts, springs, model, ramp)

@@ -57,7 +57,7 @@ def _begin(contacts, springs, model, ramp, target):
         spring.d_length = target[j] - spring.length
         changed = changed or spring.d_length != 0.0
         span = max(span, abs(spring.length) + abs(spring.d_length))
-        begin_bend(spring, model.curves)
+        begin_bend(spring, model.curves, ramp)
         spring.rate = -spring.stiffness * spring.d_length
         spring.since = 0.0
         spring.moved = 0

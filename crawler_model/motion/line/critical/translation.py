@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ....compiled import inlined, lean
-from ....rounding import CRITICAL, EPS, NOISE, SHORTEST_STRETCH
+from ....rounding import CRITICAL, NOISE, SHORTEST_STRETCH
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..runs import wake_all
-from ..springs.bends import find_lengths
+from ..springs.bends import find_lengths, near_of
 from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
 from .interval import follow_strays, let_stray
 from .margin import find_near_part, is_critical, is_near, sample_margin
@@ -121,7 +121,7 @@ def _limit(contacts, springs, block, curves, ramp, ds):
             continue
         bend = curves.bends[spring.bend]
         z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
-        near = 64.0 * EPS * (abs(z) + abs(length))
+        near = near_of(z, length, ramp)
         below, above = _stay_on(curves.pieces[bend.actuator], z - length, stretch - change, ds, near)
         low, high = _stay_on(curves.pieces[bend.passive], z, stretch, ds, near)
         below, above = max(below, low), min(above, high)
@@ -223,7 +223,8 @@ def note_interval(contacts, springs, curves, ramp, until):
 @inlined
 def _choose_in_part(contacts, springs, model, curves, ramp):
     """Choose the translation of the present part if it is free at s."""
-    sample_margin(contacts, springs, model, curves, ramp)
+    if curves is None:  # else parts count if they last, see `events`
+        sample_margin(contacts, springs, model, curves, ramp)
     critical = is_critical(contacts, springs, model, curves, ramp)
     if critical or _is_free(contacts, model.block, curves, ramp):
         if not ramp.shifted:

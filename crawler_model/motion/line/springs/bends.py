@@ -52,11 +52,21 @@ def _find_piece(pieces, p, length, direction):
 
 
 @inlined
-def _find_softer(pieces, p, length):
-    """Find the softer one of two pieces that meet at a length, whichever of them p is; p itself elsewhere."""
-    if length == pieces[p].begin and pieces[p - 1].slope < pieces[p].slope:
+def near_of(z, length, ramp):
+    """Find how far from a knot a bent spring may be at it, but for the rounding of displacements.
+
+    Returns:
+        The distance [m].
+    """
+    return 64.0 * EPS * (abs(z) + abs(length) + ramp.span)
+
+
+@inlined
+def _find_softer(pieces, p, length, near):
+    """Find the softer one of two pieces that meet near a length, whichever of them p is; p itself elsewhere."""
+    if length - pieces[p].begin <= near and pieces[p - 1].slope < pieces[p].slope:
         return p - 1
-    if length == pieces[p].end and pieces[p + 1].slope < pieces[p].slope:
+    if pieces[p].end - length <= near and pieces[p + 1].slope < pieces[p].slope:
         return p + 1
     return p
 
@@ -133,7 +143,7 @@ def change_piece(contacts, spring, bend, curves, ramp, coming):
 
 
 @inlined
-def begin_bend(spring, curves):
+def begin_bend(spring, curves, ramp):
     """Begin the ramp of a spring: its stiffness, and how its tension changes with the command.
 
     Args:
@@ -142,13 +152,16 @@ def begin_bend(spring, curves):
     if curves is None or spring.bend < 0:
         return
     bend = curves.bends[spring.bend]
-    bend.command, bend.excess, bend.next, bend.yielded = spring.d_length, 0.0, np.inf, np.inf
+    bend.command, bend.excess, bend.next = spring.d_length, 0.0, np.inf
+    bend.yielded = 0.0 if bend.slid else np.inf
     bend.slipped = 0
     u, z = spring.elongation - spring.length, spring.elongation
     find_pieces(bend, curves.pieces, u, z, -bend.command)
-    if bend.command == 0.0:
-        bend.actuator = _find_softer(curves.pieces, bend.actuator, u)
-        bend.passive = _find_softer(curves.pieces, bend.passive, z)
+    if bend.command == 0.0 and not bend.slid:
+        near = near_of(z, spring.length, ramp)
+        bend.actuator = _find_softer(curves.pieces, bend.actuator, u, near)
+        bend.passive = _find_softer(curves.pieces, bend.passive, z, near)
+    bend.slid = 0
     _set_stiffness(spring, bend, curves.pieces, curves.sliders)
 
 
@@ -296,15 +309,21 @@ def _find_flat(pieces, p, length, rate, near):
 
 
 @lean
-def _find_yielding(bend, pieces, z, length, rate, stretch):
+def find_yielding(bend, pieces, ramp, z, length, rate, stretch):
     """Find whether a spring rests at knots behind which it is flat: what moves may then move with it or without it.
 
     The flat side knows both, unless a stop or another knot lets nothing move there; the spring then comes back.
 
+    Args:
+        z: elongation [m].
+        length: L [m].
+        rate: of u [m]; 0 if the actuator rests.
+        stretch: of z [m], likewise.
+
     Returns:
-        The knot to pass, as `coming`; 0 if there is none.
+        The first knot to pass, as `coming`; 0 if there is none.
     """
-    near = 64.0 * EPS * (abs(z) + abs(length))
+    near = near_of(z, length, ramp)
     first = _find_flat(pieces, bend.actuator, z - length, rate, near)
     other = _find_flat(pieces, bend.passive, z, stretch, near)
     if (first == 0 and pieces[bend.actuator].slope > 0.0) or (other == 0 and pieces[bend.passive].slope > 0.0):
@@ -334,12 +353,15 @@ def find_knot(contacts, spring, curves, ramp):
     first, turning = find_turn(curves.sliders, bend, z, stretch, first)
     if turning >= 0:
         bend.coming = TURN + turning
-    together = change == 0.0 and abs(stretch) < NOISE * abs(contacts[spring.a].v)
-    if together:
+    when, closing = ramp.s + first, max(abs(rate), abs(stretch))
+    if when < ramp.end and closing * (ramp.end - when) <= near_of(z, length, ramp):
+        when = ramp.end  # within rounding of the end of the ramp, it is one at its end
+    if change == 0.0 and abs(stretch) <= NOISE * abs(contacts[spring.a].v):
         rate = stretch = 0.0
-    if (together or (rate == 0.0) != (stretch == 0.0)) and first > 0.0 and spring.stiffness > 0.0:
-        way = _find_yielding(bend, curves.pieces, z, length, rate, stretch)
-        if way != 0 and bend.yielded != ramp.s:
-            first, bend.coming, bend.yields = 0.0, way, 1
-    bend.next = ramp.s + first
-    return bend.next
+    rests = rate == 0.0 or stretch == 0.0
+    if rests and when > ramp.s and spring.stiffness > 0.0 and bend.yielded != ramp.s:
+        way = find_yielding(bend, curves.pieces, ramp, z, length, rate, stretch)
+        if way != 0:
+            when, bend.coming, bend.yields = ramp.s, way, 1
+    bend.next = when
+    return when

@@ -10,7 +10,7 @@ from ..advance import advance, advance_spring
 from ..block import list_contact, settle
 from ..ground.falls import draw, draw_spring
 from ..timing import schedule_next
-from .bends import change_piece, find_lengths, find_pieces, find_way, tension_on
+from .bends import change_piece, find_lengths, find_pieces, find_way, find_yielding, tension_on
 from .parts import find_part, side_of
 from .sliders import TURN, change_sliders, force_of_sliders, keep_sliders, return_sliders, turn_slider
 
@@ -21,13 +21,16 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     bend = curves.bends[spring.bend]
     draw_spring(spring, curves, ground, ramp)
     advance_spring(spring, curves, ramp, ramp.s)
-    z, _, stretch, _ = find_lengths(contacts, spring, bend, ramp)
+    z, length, stretch, _ = find_lengths(contacts, spring, bend, ramp)
     if bend.coming >= TURN:
         turn_slider(curves.sliders, bend, ramp, z, bend.coming - TURN)
     change_piece(contacts, spring, bend, curves, ramp, bend.coming)
     bend.next = np.inf
     if bend.yields:
         bend.yielded = ramp.s
+        if spring.stiffness > 0.0:  # it rests at a knot of its other curve, too
+            way = find_yielding(bend, curves.pieces, ramp, z, length, 0.0, 0.0)
+            change_piece(contacts, spring, bend, curves, ramp, way)
     spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
 
 

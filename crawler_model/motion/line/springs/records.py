@@ -37,6 +37,7 @@ BEND = np.dtype(
         # 3 and above a slider that begins or ceases to yield, see `springs.sliders`
         ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
         ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
+        ("slid", _BYTE),  # whether a slide that ends where the ramp goes on has led it over a knot
         ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
         ("kept_actuator", _INT),  # pieces in the last part of that which has been solved
         ("kept_passive", _INT),

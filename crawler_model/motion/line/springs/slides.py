@@ -78,8 +78,14 @@ def _find_knot(springs, block, curves, ramp, direction):
 
 @lean
 def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
-    """Slide a part to its next border or wall, or by `knot` if that is nearer; returns False if there is none."""
+    """Slide a part to its next border or wall, or by `knot` if that is nearer; returns False if there is none.
+
+    It rests if one of its contacts has come to a border just as nothing else held the part, and is held by the ground.
+    """
     coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
+    for r in range(ramp.first, ramp.last):
+        if not contacts[member(model.block, model.curves, r)].at & side:
+            return True
     distance, nearest = knot, -1
     for r in range(ramp.first, ramp.last):
         i = member(model.block, model.curves, r)
@@ -125,8 +131,8 @@ def _move(c, ramp, direction, distance):
 
 
 @lean
-def _keep_flat(contacts, springs, curves):
-    """Note the elongations of flat springs, whose tensions rest."""
+def _keep_flat(contacts, springs, block, curves, ramp, direction):
+    """Note the elongations of flat springs, whose tensions rest, and which of them the slide has led over a knot."""
     if curves is None:
         return
     for j in range(springs.shape[0]):
@@ -135,6 +141,11 @@ def _keep_flat(contacts, springs, curves):
             a, b = contacts[spring.a], contacts[spring.b]
             spring.elongation = (b.x - a.x) + (b.rest - a.rest)
             spring.still_tension, spring.still_length = spring.tension, spring.length
+            side = side_of(spring, block, ramp.present)
+            if side != 0:
+                bend, z, u = curves.bends[spring.bend], spring.elongation, spring.elongation - spring.length
+                way, _ = find_way(bend, curves.pieces, z, u, side * direction)
+                bend.slid = 1 if way < 0.0 else 0
 
 
 @lean
@@ -166,5 +177,5 @@ def slide(contacts, springs, model, ground, curves, ramp):
     else:
         for r in range(ramp.first, ramp.last):
             _move(contacts[member(model.block, curves, r)], ramp, direction, knot)
-    _keep_flat(contacts, springs, curves)
+    _keep_flat(contacts, springs, model.block, curves, ramp, direction)
     return True
