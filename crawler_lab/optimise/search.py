@@ -1,4 +1,4 @@
-"""Global search: random gaits and waves, local search, CMA-ES, and again from changed optima."""
+"""Global search: random gaits, waves and symmetric gaits, local search, CMA-ES, and again from changed optima."""
 
 from __future__ import annotations
 
@@ -24,14 +24,20 @@ _BETTER = 1e-4
 MOST_EVALUATIONS = 30_000
 """Candidates after which a search without a time limit ends."""
 _KEPT = 32
-_FLIPPED, _CLIMBED = 12, 3
-"""How many of the best random points are improved by flips, and how many of these by derivatives."""
-_HOPS = {1: 4, 2: 1}
+_FLIPPED, _CLIMBED = 8, 2
+"""How many of the best points of a kind are improved by flips, and how many of these by derivatives."""
+_HOPS = {1: 8, 2: 1}
 """Local searches from changed or mixed optima in a round, by the dimension of the body."""
 _TRIED = 8
 """Changed or mixed optima; the best one begins a local search."""
 _COARSE, _ALIKE = 1e-2, 5e-2
 """Step at which a local search ends at first, and distance within which it then leads to an optimum that is known."""
+_ALL_PATTERNS = {1: 8, 2: 0}
+"""Waypoints up to which waves of all on-off patterns are tried, by the dimension of the body."""
+_PATTERNS, _IMAGES = {1: 64, 2: 2}, {1: 256, 2: 4}
+"""How many waves of drawn patterns, and gaits that are their own images, are tried."""
+_MIRRORED = 0.25
+"""How often an optimum is mixed with its own image."""
 _SAME = 1e-3
 """Gaits whose unknowns differ by less than this part of their bounds are the same."""
 
@@ -108,6 +114,7 @@ class _Search:
     ) -> None:
         rounds = rounds or _STALE_ROUNDS[space.scenes[0].base.dimension]
         self.space, self.limit, self.rounds = space, limit, min(rounds, 3 + space.size)
+        self.dimension = space.scenes[0].base.dimension
         self.random = np.random.default_rng(seed)
         self.evaluator = Evaluator(space, None if limit.seconds is None else self.over)
         self.began = clock()
@@ -158,13 +165,23 @@ class _Search:
         elif kind == 2:
             self.improve(*self.evolve(self.found.point, self.found.score))
         else:
-            for _ in range(_HOPS[self.space.scenes[0].base.dimension]):
+            for _ in range(_HOPS[self.dimension]):
                 if not self.over():
                     self.hop(self.mixed if kind == 1 else self.changed)
 
     def start_anew(self, begin: list[np.ndarray]) -> None:
-        """Improve the best of random points and waves."""
-        points = [self.space.repair(point) for point in (*begin, *self.random_points(), *self.waves())]
+        """Improve the best of random points, of waves, and of gaits that are their own images."""
+        for points in (
+            [*begin, *self.random_points()],
+            [*self.waves(), *self.on_off_waves(), *self.delayed_points()],
+            self.mirrored_points(),
+        ):
+            self.improve_best([self.space.repair(point) for point in points])
+
+    def improve_best(self, points: list[np.ndarray]) -> None:
+        """Flip the best of some points, and search locally from the best of these."""
+        if not points or self.over():
+            return
         scores = self.evaluator.scores(points)
         flipped = []
         for k in best_first(scores)[:_FLIPPED]:
@@ -258,6 +275,53 @@ class _Search:
                     found.append(np.concatenate((keys, rows.ravel())))
         return found
 
+    def on_off_waves(self) -> list[np.ndarray]:
+        """Build waves of every pattern of waypoints between the bounds, each link later than the one before."""
+        table = self.space.scenes[0].table
+        if table is None:
+            return []
+        count = table.waypoints
+        if count > _ALL_PATTERNS[self.dimension]:
+            return []
+        delays = np.arange(count)[:, None] * np.arange(table.width)
+        return [self.with_delays(pattern, row) for pattern in _patterns(count) for row in delays]
+
+    def delayed_points(self) -> list[np.ndarray]:
+        """Draw on-off patterns whose links mostly are later than the one before by one number of waypoints."""
+        table = self.space.scenes[0].table
+        if table is None:
+            return []
+        found = []
+        for _ in range(_PATTERNS[self.dimension]):
+            steps = np.full(table.width, self.random.integers(0, table.waypoints))
+            other = self.random.random(table.width) < 0.3
+            steps[other] = self.random.integers(0, table.waypoints, int(other.sum()))
+            found.append(self.with_delays(self.random.integers(0, 2, table.waypoints), np.cumsum(steps)))
+        return found
+
+    def with_delays(self, pattern: np.ndarray, delays: np.ndarray) -> np.ndarray:
+        """Build a point whose columns are one pattern, each later by its own number of waypoints; numbers are drawn."""
+        rows = pattern[(np.arange(pattern.size)[:, None] - delays) % pattern.size].astype(np.float64)
+        return np.concatenate((self.random.random(len(self.space.scenes[0].keys)), rows.ravel()))
+
+    def mirrored_points(self) -> list[np.ndarray]:
+        """Draw corners that are their own images, see `mirrored`: many of the best gaits are."""
+        count = 0 if self.space.scenes[0].table is None else _IMAGES[self.dimension]
+        corners = self.random.integers(0, 2, (count, self.space.size)).astype(np.float64)
+        return [self.mirrored(corner) for corner in corners]
+
+    def mirrored(self, point: np.ndarray) -> np.ndarray:
+        """Make a gait its own image backwards in time and from the other end of the body, about any instant."""
+        numbers, rows = self.space.scenes[0].split(point)
+        table = self.space.scenes[0].table
+        if table is None or rows is None:
+            return point
+        place = np.arange(rows.size).reshape(rows.shape)
+        image = np.hstack((place[:, : table.links][:, ::-1], place[:, table.links :][:, ::-1]))
+        image = np.roll(image[::-1], int(self.random.integers(0, len(rows))), axis=0)
+        kept = np.minimum(place, image) if self.random.random() < 0.5 else np.maximum(place, image)
+        return np.concatenate((numbers, rows.ravel()[kept.ravel()]))
+
     def parent(self) -> np.ndarray:
         """Draw one of the best points that flips do not improve, the better ones more often."""
         return self.pool[int(len(self.pool) * self.random.random() ** 2)][1].copy()
@@ -274,7 +338,8 @@ class _Search:
     def mixed(self) -> np.ndarray:
         """Mix two optima: some numbers, and some waypoints or some links, of one and the rest of the other.
 
-        The other one begins at any waypoint, or is its image in time or along the body.
+        The other one begins at any waypoint, or is its image in time or along the body. Sometimes one optimum is mixed
+        with its own image instead, see `mirrored`.
         """
         point, other = self.parent(), self.parent()
         (numbers, rows), (more, others) = (self.space.scenes[0].split(one) for one in (point, other))
@@ -282,6 +347,8 @@ class _Search:
         table = self.space.scenes[0].table
         if table is None or rows is None or others is None:
             return numbers
+        if self.random.random() < _MIRRORED:
+            return self.mirrored(point)
         others = np.roll(others, int(self.random.integers(0, len(others))), axis=0)
         image = self.random.integers(0, 4)
         if image == 1:
@@ -320,6 +387,12 @@ class _Search:
                 point, score = points[k], float(scores[k])
             self.note(points[k], float(scores[k]))
         return point, score
+
+
+def _patterns(count: int) -> list[np.ndarray]:
+    """List all on-off patterns of a period but constant ones, each once, whatever the waypoint at which it begins."""
+    bits = [np.array(pattern) for pattern in itertools.product((0, 1), repeat=count)][1:-1]
+    return [row for row in bits if all(tuple(row) <= tuple(np.roll(row, k)) for k in range(1, count))]
 
 
 def distinct(optima: list[Scored], canonical: Callable[[np.ndarray], np.ndarray]) -> list[Scored]:
