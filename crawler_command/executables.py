@@ -107,6 +107,7 @@ def run(name: str, module: str) -> int:
         The exit status.
     """
     prepare_streams()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small; on busy cores, threads wait for each other
     ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # started in the background by a script
     if not ignored:
         leave_at_once(name)

@@ -158,3 +158,19 @@ def test_interrupts_that_a_script_ignores_stay_ignored(ignored, monkeypatch):
         signal.signal(signal.SIGINT, before)
     assert [handler is signal.SIG_IGN for handler in seen] == [ignored] * 2
     assert [handler is signal.default_int_handler for handler in seen] == [False, not ignored]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads in /proc")
+def test_linear_algebra_takes_one_thread_unless_asked_otherwise(tmp_path):
+    (tmp_path / "counted.py").write_text(
+        "import os, numpy\ndef main():\n    numpy.ones((200, 200)) @ numpy.ones((200, 200))\n"
+        "    print(len(os.listdir('/proc/self/task')))\n"
+    )
+    words = [sys.executable, "-c", "from crawler_command.executables import run; run('crawler', 'counted')"]
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    counts = []
+    for more in ({}, {"OPENBLAS_NUM_THREADS": "2"}):
+        done = subprocess.run(words, cwd=tmp_path, env=environment | more, capture_output=True, text=True, check=True)
+        counts.append(int(done.stdout))
+    assert counts[0] == 1
+    assert counts[1] >= counts[0]
