@@ -86,7 +86,10 @@ def print_report(run: Trajectory, screen: Console) -> None:
 def _print_findings(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
     if scene.ground.track is not None and scene.ground.track.borders.size:
-        screen.print("stasis domain, directions and uniqueness margin hold on the ground outside the patches")
+        where = "where a factor of 1 and the slope of the track hold"
+        if scene.ground.track.profile is None:
+            where = "outside the patches"
+        screen.print(f"stasis domain, directions and uniqueness margin are those of the ground {where}")
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)

@@ -38,8 +38,9 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
     plus, minus = drive.forward[0], drive.backward[0]
     if ground.track is not None:
-        place = ground.track.find_places(body.position, run.displacement[0])
-        plus, minus, load = ground.track.bounds(drive.targets[0, body.springs :], place)
+        plus, minus, load = ground.track.local_bounds(
+            drive.targets[0, body.springs :], body.position, run.displacement[0]
+        )
     holding = compute_holding(body, ground, run.tension[0], plus + load, minus - load, load)
     _print_tow(scene, holding, screen)
     if any(bend.is_limited for bend in body.bends):
@@ -49,7 +50,7 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         )
     if not ground.has_one_slope:
         screen.print(
-            "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of their own"
+            "steepest slope that it holds at rest: not computed, as parts of the ground have slopes of their own"
         )
     for tilt, direction in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
         if tilt is not None:

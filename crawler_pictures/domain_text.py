@@ -79,7 +79,10 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
     name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand next to formulas
-    return f"stasis domain: {name}" + ("" if scene.ground.track is None else ", on the ground outside its patches")
+    track = scene.ground.track
+    if track is not None and track.profile is not None:
+        return f"stasis domain: {name}, on ground with a factor of 1"
+    return f"stasis domain: {name}" + ("" if track is None else ", on the ground outside its patches")
 
 
 def verdict(domains: Sequence[StasisDomain]) -> str:

@@ -12,23 +12,26 @@ from crawler_model import Scene
 from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.run.trajectory import TimedJump
+from crawler_model.scene.friction_parts import ProfilePart
 
 from .colors import JUMP, WALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_CURVE = 257
+"""Points of a slope that changes along the track."""
 _SOFTER, _HARDER, _MIXED, _SLOPED = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6"
 
 
 @dataclass(frozen=True)
 class Section:
-    """A stretch of the track that is marked in pictures: a patch, or the place for the slope of the track.
+    """A stretch of the track that is marked in pictures: of a patch or a profile, or the place for the track's slope.
 
     Attributes:
         start: where it begins [m].
         end: where it ends [m].
-        text: factors on friction and slope, as "friction ×0.5, slope 10° ↗".
+        text: factors on friction and slope, as "friction ×0.5, slope 10° ↗", or "friction ×1 … ×0.4" along a profile.
         color: of its band, as "#rrggbb"; None outside patches.
     """
 
@@ -54,8 +57,8 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
         right: its right end [m].
 
     Returns:
-        The visible patches, cut at both places, then the stretch that shows the slope of the track; in the plane and
-        on plain ground none.
+        The visible patches and stretches of the profile, cut at both places, then the stretch that shows the slope of
+        the track; in the plane and on plain ground none.
     """
     ground = scene.parts.ground
     if ground is None:
@@ -64,9 +67,11 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
     found = []
     for patch in seen:
         forward, backward = patch.factors
-        texts = [_write_factors(forward, backward), "" if patch.slope is None else _write_slope(patch.slope)]
+        written = (f"×{forward:g}", f"×{backward:g}")
+        texts = [_write_factors(*written), "" if patch.slope is None else _write_slope(patch.slope)]
         color = _choose_color(forward, backward)
         found.append(Section(max(patch.start, left), min(patch.stop, right), ", ".join(filter(None, texts)), color))
+    found += _list_profile(ground.profile, left, right)
     if ground.slope != 0.0:
         inside = [edge for p in seen for edge in (max(p.start, left), min(p.stop, right))]
         edges = np.array([left, *inside, right])
@@ -75,6 +80,32 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
             longest = int(2 * gaps.argmax())
             found.append(Section(float(edges[longest]), float(edges[longest + 1]), _write_slope(ground.slope), None))
     return found
+
+
+def _list_profile(profile: ProfilePart | None, left: float, right: float) -> list[Section]:
+    """List the visible stretches between the places of a profile, and those beyond its first and its last place."""
+    if profile is None:
+        return []
+    ends = [-np.inf, *profile.at, np.inf]
+    slopes = (0.0,) * len(profile.at) if profile.slope is None else profile.slope
+    found = []
+    for j in range(len(ends) - 1):
+        first, last = max(j - 1, 0), min(j, len(profile.at) - 1)
+        if ends[j] >= right or ends[j + 1] <= left:
+            continue
+        pairs = [(row[first], row[last]) for row in profile.factors]
+        texts = [_write_factors(*(_write_range(pair, "×") for pair in pairs))]
+        slope = slopes[first], slopes[last]
+        texts.append("" if slope == (0.0, 0.0) else f"slope {_write_range(slope)}°")
+        color = _choose_color(*(0.5 * sum(pair) for pair in pairs))
+        text = ", ".join(filter(None, texts))
+        found.append(Section(max(ends[j], left), min(ends[j + 1], right), text, color if text else None))
+    return found
+
+
+def _write_range(ends: tuple[float, float], sign: str = "") -> str:
+    first, last = (f"{sign}{value:g}" for value in ends)
+    return first if first == last else f"{first} … {last}"
 
 
 def trace_profile(scene: Scene, left: float, right: float) -> tuple[np.ndarray, np.ndarray]:
@@ -93,8 +124,13 @@ def trace_profile(scene: Scene, left: float, right: float) -> tuple[np.ndarray, 
     patches = () if ground is None else ground.patches
     cuts = np.array([x for p in patches for x in (p.start, p.stop) if left < x < right])
     at = np.unique(np.concatenate(([left, right], cuts)))
+    profile = None if ground is None else ground.profile
+    if profile is not None and profile.slope is not None:  # curved between its places
+        at = np.unique(np.concatenate((at, np.linspace(left, right, _CURVE))))
     middles = 0.5 * (at[1:] + at[:-1])
     slopes = np.full(middles.size, 0.0 if ground is None else ground.slope)
+    if profile is not None and profile.slope is not None:
+        slopes = np.degrees(np.arcsin(np.interp(middles, profile.at, np.sin(np.radians(profile.slope)))))
     for patch in patches:
         if patch.slope is not None:
             slopes[(middles > patch.start) & (middles < patch.stop)] = patch.slope
@@ -104,11 +140,11 @@ def trace_profile(scene: Scene, left: float, right: float) -> tuple[np.ndarray, 
     return at, height - height.min()
 
 
-def _write_factors(forward: float, backward: float) -> str:
+def _write_factors(forward: str, backward: str) -> str:
     """Write the factors on friction; nothing where they are 1."""
     if forward == backward:
-        return "" if forward == 1.0 else f"friction ×{forward:g}"
-    return f"friction ×{forward:g} →, ×{backward:g} ←"
+        return "" if forward == "×1" else f"friction {forward}"
+    return f"friction {forward} →, {backward} ←"
 
 
 def _write_slope(slope: float) -> str:
@@ -192,5 +228,5 @@ def local_bounds(scene: Plan, target: np.ndarray, x: np.ndarray) -> tuple[np.nda
     target, n = target[body.springs :], body.contacts
     if track is None:
         return target[:n], target[n : 2 * n]
-    forward, backward, _ = track.bounds(target, track.find_places(body.position, x))
+    forward, backward, _ = track.local_bounds(target, body.position, x)
     return forward, backward

@@ -64,7 +64,7 @@ def unit_of(scene: Scene, key: str) -> str:
     if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.turning is not None:
         return "m" if int(named[3]) < scene.body.springs else "rad"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
-    if "patches" in steps:
+    if "patches" in steps or "profile" in steps:
         return "1" if unit == "N" else unit
     if (steps[-1] in ("loads", "weights") or named[:2] == ["drive", "friction"]) and scene.body.segments:
         alone, indices = int(scene.body.isolated.size), [int(step) for step in named if step.isdecimal()]

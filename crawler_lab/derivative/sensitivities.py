@@ -326,6 +326,22 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         )
 
 
+def refuse_profile(scene: Scene, caller: str) -> None:
+    """Refuse a scene whose ground changes gradually.
+
+    Args:
+        scene: the scene.
+        caller: name of the function, for error messages.
+
+    Raises:
+        SceneError: if it has a profile.
+    """
+    if scene.ground.track is not None and scene.ground.track.profile is not None:
+        raise SceneError(
+            f"{caller}: {scene.name} has ground.profile, where it is not supported; use ground.patches instead"
+        )
+
+
 def _at_fixed_times(
     path: TangentPath | PlanePath, vertices: Vertices, stretch: Stretch, at: np.ndarray, begin_ns: int
 ) -> np.ndarray:

@@ -95,7 +95,7 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     weight = scene.ground.weight
     track = scene.ground.track
     if track is not None:
-        friction = friction * track.factor.max()
+        friction = friction * track.largest_factor.max()
     friction = friction + max(abs(low), abs(high)) * body.ground + weight
     if body.is_chain:
         up = np.cumsum(friction)

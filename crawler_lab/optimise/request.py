@@ -15,6 +15,7 @@ from crawler_model.errors import LARGEST, CommandError, SceneError
 from crawler_model.scene.scene import Scene
 
 from ..derivative.parameters import changing_keys
+from ..derivative.sensitivities import refuse_profile
 from ..sweep.keys import expand_keys, find_path, key_steps, overlap, with_loads
 from ..sweep.vary import Variations
 from .goal import SCREW, TURNING_OBJECTIVES
@@ -98,6 +99,7 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
 def _check_kind(scene: Scene, request: Request) -> None:
     """Check a request, whose objective is a key of `OBJECTIVES`, against the kind of scene."""
     objective, target, turns = request.objective, request.target, scene.body.turning is not None
+    refuse_profile(scene, "optimise")
     if turns and objective not in TURNING_OBJECTIVES:
         names = ", ".join(TURNING_OBJECTIVES)
         raise SceneError(f"objective: {objective!r}; {scene.name} turns, so it must be one of {names}")

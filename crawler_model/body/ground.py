@@ -1,4 +1,4 @@
-"""The ground under a body: weights and masses of its contacts, the slope and, on a line, patches and walls."""
+"""The ground under a body: weights and masses of its contacts, the slope, on a line patches, profiles and walls."""
 
 from __future__ import annotations
 
@@ -50,17 +50,22 @@ class Walls:
 class Track:
     """Ground that changes with place: M borders divide the track into M + 1 stretches, and walls end it.
 
+    On a stretch factors and the sine of the slope are constant or, with a profile, linear.
+
     The *place* of a contact is 2 j on stretch j, and 2 j + 1 on the border between stretches j and j + 1. On a border
     the stretch ahead determines the forward bound, the stretch behind the backward bound.
 
     Attributes:
         borders: positions on the track, increasing, shape (M,) [m].
-        grip: factor of each stretch on friction, forward and backward, shape (2, M + 1).
+        grip: factor of each stretch on friction, forward and backward, shape (2, M + 1); with a profile where the
+            stretch begins, as the rise.
         pressed: further factor of each stretch on friction that follows from the weight, shape (M + 1,).
         rise: sine of the slope of each stretch less the track's, shape (M + 1,).
         follows: whether the friction of each contact follows from its weight, shape (N,).
         weight: of each contact, shape (N,) [N].
         walls: the walls; None without any.
+        profile: of each stretch the place where it begins [m], and by how much the factors forward and backward and the
+            sine of the slope grow along it [1/m], shape (4, M + 1); None if all are constant on all stretches.
     """
 
     borders: np.ndarray
@@ -70,17 +75,38 @@ class Track:
     follows: np.ndarray
     weight: np.ndarray
     walls: Walls | None = None
+    profile: np.ndarray | None = None
 
     @property
     def key(self) -> str:
         """The key of the scene file that makes the ground differ from place to place."""
+        if self.profile is not None:
+            return "ground.profile"
         return "ground.patches" if self.borders.size else "ground.walls"
 
     @property
     def factor(self) -> np.ndarray:
-        """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N)."""
+        """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N).
+
+        With a profile it is that where the stretch begins.
+        """
         pressed = np.where(self.follows, self.pressed[:, None], 1.0)
         return np.asarray(self.grip[:, :, None] * pressed)
+
+    @property
+    def largest_factor(self) -> np.ndarray:
+        """The largest factor of all stretches, shape (2, N)."""
+        factor = self.factor
+        if self.profile is not None:
+            length = np.append(self.borders[0] - self.profile[0, 0], np.diff(self.borders))
+            ends = self.grip[:, :-1] + self.profile[1:3, :-1] * length
+            factor = np.concatenate((factor, np.repeat(ends[:, :, None], self.weight.size, axis=2)), axis=1)
+        return np.asarray(factor.max(axis=1))
+
+    @property
+    def changes_friction_gradually(self) -> bool:
+        """Whether a factor on friction changes along a stretch, so that friction cannot be commanded."""
+        return self.profile is not None and bool(self.profile[1:3].any())
 
     @property
     def tilt(self) -> np.ndarray:
@@ -107,7 +133,25 @@ class Track:
         near = _NEAR * (np.abs(position) + np.abs(x) + np.abs(border))
         return np.where(np.abs(at - border) <= near, 2 * nearest + 1, 2 * stretch)
 
-    def bounds(self, targets: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def local_bounds(
+        self, targets: np.ndarray, position: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Compute the bounds of the spring forces where contacts are, as `bounds` does at given places.
+
+        Args:
+            targets: as for `bounds`.
+            position: reference positions xi, shape (N,) [m].
+            x: displacement, shape (..., N) [m].
+
+        Returns:
+            As `bounds`.
+        """
+        every = np.broadcast_to(position, x.shape)
+        return self.bounds(targets, self.find_places(every.ravel(), x.ravel()).reshape(x.shape), position + x)
+
+    def bounds(
+        self, targets: np.ndarray, place: np.ndarray, at: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the bounds of the spring forces at given places.
 
             forward = c_plus mu_plus - f,  backward = c_minus mu_minus + f,  f = load + tilt
@@ -116,6 +160,7 @@ class Track:
             targets: for ground without patches: forward and backward bounds and, with loads, loads, shape (..., 2 N)
                 or (..., 3 N) [N].
             place: of each contact, shape (..., N).
+            at: its position on the track, shape (..., N); without a profile the place alone counts [m].
 
         Returns:
             Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., N) [N].
@@ -125,10 +170,18 @@ class Track:
         load = targets[..., 2 * n :] if targets.shape[-1] > 2 * n else np.zeros(n)
         ahead, behind, contact = (place + 1) // 2, place // 2, np.arange(n)
         (forward_factor, backward_factor), tilt = self.factor, self.tilt
+        ahead_factor, ahead_tilt = forward_factor[ahead, contact], tilt[ahead, contact]
+        behind_factor, behind_tilt = backward_factor[behind, contact], tilt[behind, contact]
+        if self.profile is not None:
+            begin, grows_forward, grows_backward, rises = self.profile
+            ahead_factor = ahead_factor + grows_forward[ahead] * (at - begin[ahead])
+            behind_factor = behind_factor + grows_backward[behind] * (at - begin[behind])
+            ahead_tilt = ahead_tilt - self.weight * rises[ahead] * (at - begin[ahead])
+            behind_tilt = behind_tilt - self.weight * rises[behind] * (at - begin[behind])
         return (
-            _bound_on(forward_factor[ahead, contact], tilt[ahead, contact], forward, load),
-            _bound_on(backward_factor[behind, contact], -tilt[behind, contact], backward, -load),
-            load + 0.5 * (tilt[ahead, contact] + tilt[behind, contact]),
+            _bound_on(ahead_factor, ahead_tilt, forward, load),
+            _bound_on(behind_factor, -behind_tilt, backward, -load),
+            load + 0.5 * (ahead_tilt + behind_tilt),
         )
 
 
@@ -148,7 +201,7 @@ class Ground:
         slope: theta, uphill towards +x positive [rad]; in the plane uphill towards `direction`; shape (M, 1) for
             variations.
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
-        track: patches of other ground and walls; None if the ground is the same everywhere.
+        track: patches of other ground, a profile and walls; None if the ground is the same everywhere.
         mass: of each contact, shape (N,) [kg]; None if they are not given.
     """
 
@@ -169,7 +222,9 @@ class Ground:
     @property
     def has_one_slope(self) -> bool:
         """Whether the slope is the same everywhere."""
-        return self.track is None or not (self.track.weight.any() and self.track.rise.any())
+        if self.track is None or not self.track.weight.any():
+            return True
+        return not self.track.rise.any() and (self.track.profile is None or not self.track.profile[3].any())
 
     @property
     def slope_load(self) -> np.ndarray:

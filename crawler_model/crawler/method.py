@@ -44,12 +44,11 @@ def choose_method(scene: Plan, method: str | None) -> Method:
     if method not in METHODS:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
     if method not in offered and method == "catch_up":
-        patched = scene.ground.track is not None and scene.ground.track.borders.size
-        passed = (
-            "over the borders of ground.patches instead of meeting"
-            if patched
-            else "through ground.walls instead of stopping at"
-        )
+        passed = {
+            "ground.profile": "over the places of ground.profile instead of meeting",
+            "ground.patches": "over the borders of ground.patches instead of meeting",
+            "ground.walls": "through ground.walls instead of stopping at",
+        }["ground.walls" if scene.ground.track is None else scene.ground.track.key]
         raise CommandError(f"method: catch_up steps {passed} them; use exact")
     if method not in offered:
         raise CommandError(

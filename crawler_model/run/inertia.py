@@ -265,8 +265,7 @@ class InertiaMeter:
             each = max(plan.columns.planar or 1, 1)
             held = 2.0 * bounds[:, : each * n].reshape(-1, n, each).mean(axis=2)
         elif plan.ground.track is not None and x is not None:
-            places = plan.ground.track.find_places(np.tile(body.position, len(x)), x.ravel()).reshape(x.shape)
-            forward, backward, _ = plan.ground.track.bounds(bounds, places)
+            forward, backward, _ = plan.ground.track.local_bounds(bounds, body.position, x)
             held = forward + backward
         else:
             held = bounds[:, :n] + bounds[:, n : 2 * n]

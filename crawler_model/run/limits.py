@@ -190,7 +190,7 @@ class _Search:
         bounds = self.targets[:, self.bounds]
         held = bounds[:, n:] - self.load if direction > 0 else bounds[:, :n] + self.load
         if ground.track is not None:
-            held = held * ground.track.factor[1 if direction > 0 else 0].max(axis=0)
+            held = held * ground.track.largest_factor[1 if direction > 0 else 0]
         others = direction * (self.load - ground.slope_load)
         return min(
             steepest_held(ground, mu, p) for mu, p in zip(held, np.broadcast_to(others, held.shape), strict=True)
@@ -201,8 +201,13 @@ class _Search:
         drive, track, n = self.scene.drive, self.scene.ground.track, self.scene.body.contacts
         sides = [drive.forward[None], drive.backward[None]]
         if track is not None:
-            stretches = range(0, 2 * track.borders.size + 1, 2)
-            bounds = [track.bounds(self.targets[:, self.bounds.start :], np.full(n, place)) for place in stretches]
+            last = track.borders.size
+            ends = [(j, max(j - 1, 0)) for j in range(last + 1)] + [(j, j) for j in range(last)]
+            commanded = self.targets[:, self.bounds.start :]
+            bounds = [
+                track.bounds(commanded, np.full(n, 2 * j), track.borders[border] if last else np.zeros(n))
+                for j, border in ends
+            ]
             sides = [np.array([pair[k] for pair in bounds]) for k in (0, 1)]
         forward, backward = (float(side.max(axis=0).sum(axis=1).min()) for side in sides)
         return forward, backward

@@ -255,8 +255,7 @@ class Trajectory(Tabular):
         frictions = 2 * body.contacts if columns.planar is None else columns.frictions
         target = columns.target(commands)
         if track is not None:
-            places = track.find_places(np.tile(body.position, len(x)), x.ravel()).reshape(x.shape)
-            forward, backward, load = track.bounds(target[:, lengths:], places)
+            forward, backward, load = track.local_bounds(target[:, lengths:], body.position, x)
             return np.hstack((forward + load, backward - load)), load
         if columns.slope_load is not None:
             load = target[:, lengths + frictions :].reshape(x.shape)

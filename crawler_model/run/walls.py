@@ -54,7 +54,7 @@ def find_pushes(
     pushes = []
     for k in np.flatnonzero(at_wall.any(axis=(0, 2))):
         force = body.spring_force(tension[k])
-        forward, backward, _ = track.bounds(target[k, body.springs :], track.find_places(body.position, x[k]))
+        forward, backward, _ = track.local_bounds(target[k, body.springs :], body.position, x[k])
         for i, side in np.argwhere(at_wall[:, k].T):
             g, ahead, behind = (force, forward, backward) if side == 0 else (-force, backward, forward)
             least, most = max(float(g[i] - ahead[i]), 0.0), max(float(g[i] + behind[i]), 0.0)

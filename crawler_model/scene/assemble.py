@@ -105,6 +105,30 @@ def _check_parts(parts: SceneParts) -> None:
         raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
     if parts.friction is None and parts.body.places:
         raise SceneError("friction: missing; isolated contacts need it")
+    if parts.ground is not None and parts.ground.profile is not None:
+        _check_profile(parts)
+
+
+def _check_profile(parts: SceneParts) -> None:
+    """Refuse what is not followed exactly on ground that changes gradually."""
+    assert parts.ground is not None
+    assert parts.ground.profile is not None
+    if parts.body.is_bent:
+        raise SceneError(
+            "ground.profile: with links or segments that have `curve`, `tension`, `passive` or `hysteresis` it is not "
+            "supported; give `stiffness` alone"
+        )
+    frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
+    if parts.ground.profile.slope is not None and any(f is not None and f.coefficient is not None for f in frictions):
+        raise SceneError(
+            "ground.profile.slope: a coefficient of friction acts on the cosine of the slope, which is not linear "
+            "between places; give `friction` as forces"
+        )
+    if parts.ground.profile.friction is not None and parts.drive is not None and parts.drive.commands_friction:
+        raise SceneError(
+            "drive.friction: on a ground.profile of friction it cannot be commanded, as the bounds of a sliding "
+            "contact would be no straight lines; leave it out"
+        )
 
 
 def _check_planar(parts: SceneParts) -> None:
@@ -132,6 +156,7 @@ def _check_planar(parts: SceneParts) -> None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
     if parts.ground is not None and parts.ground.varies:
         what, passed = ("patches", "borders") if parts.ground.patches else ("walls", "walls")
+        what, passed = ("profile", "its places") if parts.ground.profile else (what, passed)
         raise SceneError(
             f"ground.{what}: only on a line; in the plane paths are followed in steps, which would pass over {passed}"
         )
@@ -167,10 +192,10 @@ def _describe(segment: SegmentPart) -> dict[str, Any]:
 def _count(parts: SceneParts, place: int) -> int:
     """Find the number of elements that a segment needs for its accuracy under the drive of the scene.
 
-    Patches and walls are left out: with them the periods differ from each other, and so do their errors.
+    Patches, profiles and walls are left out: with them the periods differ from each other, and so do their errors.
     """
     if parts.ground is not None and parts.ground.varies:
-        parts = parts.model_copy(update={"ground": parts.ground.model_copy(update={"patches": (), "walls": ()})})
+        parts = parts.model_copy(update={"ground": parts.ground.even})
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None

@@ -76,6 +76,8 @@ def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: 
     ground = parts.ground or GroundPart()
     if not ground.varies:
         return None
+    if ground.profile is not None:
+        return _assemble_gradual_track(parts, ground, body, (weight, follows))
     stretches: list[tuple[float, float, float]] = []  # factors forward and backward, slope
     borders: list[float] = []
     between = (1.0, 1.0, ground.slope)
@@ -93,6 +95,58 @@ def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: 
     pressed, rise = np.cos(theta) / math.cos(track), np.sin(theta) - math.sin(track)
     rows = (frozen(borders), frozen(np.stack((forward, backward))), frozen(pressed), frozen(rise))
     return Track(*rows, follows, weight, _assemble_walls(ground, body))
+
+
+def _assemble_gradual_track(
+    parts: SceneParts, ground: GroundPart, body: Body, feet: tuple[np.ndarray, np.ndarray]
+) -> Track:
+    """Divide a track with a profile into stretches: at its places, and at the borders of patches.
+
+    Args:
+        parts: the parts of the scene.
+        ground: the ground, with a profile.
+        body: the body.
+        feet: weight of each contact [N], and whether its friction follows from it.
+
+    Returns:
+        The track.
+
+    Raises:
+        SceneError: if a slope has no weights to act on.
+    """
+    profile, (weight, follows) = ground.profile, feet
+    assert profile is not None
+    track = math.sin(ground.slope * _RADIANS)
+    sine = np.full(len(profile.at), track) if profile.slope is None else np.sin(np.radians(profile.slope))
+    rows = np.array([*profile.factors, sine])
+    ends = [x for patch in ground.patches for x in (patch.start, patch.stop)]
+    inner = [x for x in profile.at if all(abs(x - y) > 1e-12 * (abs(x) + abs(y)) for y in ends)]
+    borders = np.unique([*ends, *inner])
+    left, right = np.append(borders[0], borders), np.append(borders, borders[-1])
+    first, last = (np.array([np.interp(at, profile.at, row) for row in rows]) for at in (left, right))
+    pressed = np.ones(left.size)
+    for patch in ground.patches:
+        inside = (left >= patch.start) & (right <= patch.stop) & (left < right)
+        for values in (first, last):
+            values[:2, inside] *= np.array(patch.factors)[:, None]
+            if patch.slope is not None:
+                values[2, inside] = math.sin(patch.slope * _RADIANS)
+        if patch.slope is not None:
+            pressed[inside] = math.cos(patch.slope * _RADIANS) / math.cos(ground.slope * _RADIANS)
+    length = np.where(left < right, right - left, 1.0)
+    growth = np.where(left < right, (last - first) / length, 0.0)
+    if parts.body.weights is None and np.any(first[2] != track):
+        raise SceneError("body.weights: missing; the slope of a profile acts on the weight of each contact")
+    return Track(
+        frozen(borders),
+        frozen(first[:2]),
+        frozen(pressed),
+        frozen(first[2] - track),
+        follows,
+        weight,
+        _assemble_walls(ground, body),
+        frozen(np.vstack((left, growth))),
+    )
 
 
 def _assemble_walls(ground: GroundPart, body: Body) -> Walls | None:

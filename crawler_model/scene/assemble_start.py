@@ -210,8 +210,7 @@ def _bounds_at_start(assembly: Assembly) -> tuple[np.ndarray, np.ndarray, np.nda
     """Compute forward bounds, backward bounds and loads at the start, on patches as they are there, shape (..., N)."""
     body, drive, track = assembly.body, assembly.drive, assembly.ground.track
     if track is not None:
-        place = track.find_places(body.position, assembly.start_displacement)
-        return track.bounds(drive.targets[0, body.springs :], place)
+        return track.local_bounds(drive.targets[0, body.springs :], body.position, assembly.start_displacement)
     forward, backward = drive.forward[..., 0, :], drive.backward[..., 0, :]
     return forward, backward, drive.loads[..., 0, :] if assembly.columns.loads else np.zeros_like(forward)
 

@@ -94,6 +94,64 @@ class TablePart(Part):
         return self
 
 
+class ProfileSidesPart(Part):
+    """Factors on friction at the places of a profile, of each direction."""
+
+    forward: tuple[Number, ...] = key("Of the friction against sliding towards +x.", "1", minimum=0)
+    backward: tuple[Number, ...] = key("Likewise, against sliding towards -x.", "1", minimum=0)
+
+
+class ProfilePart(Part):
+    """Ground that changes gradually: linear between places, constant beyond them."""
+
+    at: tuple[Number, ...] = key("Places on the track, strictly increasing.", "m")
+    friction: tuple[Number, ...] | ProfileSidesPart | None = optional(
+        "Factors on the friction of contacts at these places, or `forward` and `backward`. Default: 1.", "1", minimum=0
+    )
+    slope: tuple[Number, ...] | None = optional(
+        "Slopes at these places, positive uphill towards +x; the sine is linear between them. Default: that of the "
+        "track.",
+        "degrees",
+        exclusiveMinimum=-90,
+        exclusiveMaximum=90,
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> ProfilePart:
+        if not self.at:
+            raise ValueError("at: no places; give at least one")
+        for i in range(1, len(self.at)):
+            if not self.at[i] > self.at[i - 1]:
+                raise ValueError(
+                    f"at: {self.at[i]:g} m follows {self.at[i - 1]:g} m; places must be strictly increasing"
+                )
+        given: dict[str, tuple[float, ...] | None] = {"slope": self.slope}
+        if isinstance(self.friction, ProfileSidesPart):
+            given |= {"friction.forward": self.friction.forward, "friction.backward": self.friction.backward}
+        else:
+            given["friction"] = self.friction
+        values = {name: row for name, row in given.items() if row is not None}
+        if not values:
+            raise ValueError("give `friction` or `slope`; without them the profile changes nothing")
+        for name, row in values.items():
+            if len(row) != len(self.at):
+                raise ValueError(f"{name}: {len(row)} value(s) for {len(self.at)} place(s) in `at`; give one for each")
+            for value in row:
+                if name == "slope" and not -90.0 < value < 90.0:
+                    raise ValueError(f"slope: {value:g} degrees; it must be between -90 and 90")
+                if name != "slope" and value < 0.0:
+                    raise ValueError(f"{name}: {value:g}; a factor on friction must be >= 0")
+        return self
+
+    @property
+    def factors(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Factors on friction at each place, forward and backward."""
+        if isinstance(self.friction, ProfileSidesPart):
+            return self.friction.forward, self.friction.backward
+        same = (1.0,) * len(self.at) if self.friction is None else self.friction
+        return same, same
+
+
 def explain_friction(value: Any) -> Any:
     """Refuse a bare number as friction.
 

@@ -16,6 +16,7 @@ from .friction_parts import (
     Number,
     Numbers,
     Part,
+    ProfilePart,
     Table,
     explain_friction,
     key,
@@ -290,7 +291,7 @@ def _check_slope(slope: float) -> None:
 
 
 class GroundPart(Part):
-    """The track, its slope, its patches and its walls."""
+    """The track, its slope, its patches, its profile and its walls."""
 
     slope: Number = key(
         "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
@@ -305,18 +306,29 @@ class GroundPart(Part):
     patches: tuple[PatchPart, ...] = key(
         "Other ground between two places of the track: in order, without overlap.", default=()
     )
+    profile: ProfilePart | None = optional(
+        "Ground that changes gradually: friction and slope linear between places of the track, beside patches. "
+        "Default: none."
+    )
     walls: tuple[WallPart, ...] = key("Walls on the track, at which contacts stand.", default=())
 
     @property
     def varies(self) -> bool:
         """Whether the ground differs from place to place."""
-        return bool(self.patches or self.walls)
+        return bool(self.patches or self.walls or self.profile)
+
+    @property
+    def even(self) -> GroundPart:
+        """The same ground where it does not differ from place to place."""
+        return self.model_copy(update={"patches": (), "walls": (), "profile": None})
 
     @model_validator(mode="after")
     def _sane(self) -> GroundPart:
         _check_slope(self.slope)
         if self.direction is not None and not abs(self.direction) <= _TURN:
             raise ValueError(f"direction: {self.direction:g} rad; it must be between -{_TURN} and {_TURN}, a full turn")
+        if self.profile is not None and self.profile.slope is not None and self.slope != 0.0:
+            raise ValueError(f"slope: {self.slope:g} degrees beside `profile.slope`; give one of them")
         for i, (one, other) in enumerate(zip(self.patches, self.patches[1:], strict=False)):
             if other.start < one.stop:
                 raise ValueError(

@@ -192,8 +192,9 @@ class RampRows:
         target, track = np.array(self._targets), self._scene.ground.track
         if track is None:
             return target
-        springs = self._scene.body.springs
-        return np.hstack((target[:, :springs], *track.bounds(target[:, springs:], np.array(self._places))))
+        body, springs = self._scene.body, self._scene.body.springs
+        at = body.position + np.array(self._x)
+        return np.hstack((target[:, :springs], *track.bounds(target[:, springs:], np.array(self._places), at)))
 
     def _margins(self, force: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""

@@ -119,7 +119,7 @@ class JumpMarks:
         """
         for jump in jumps:
             self._stream.set_time("sim_time", duration=jump.time)
-            text = f"{self._names[jump.contact]} jumps {jump.distance:.4g} m from the border at {jump.border:g} m, "
+            text = f"{self._names[jump.contact]} jumps {jump.distance:.4g} m from {jump.border:g} m on, "
             text += f"{jump.loss:.4g} J lost"
             self._stream.log("jumps", rr.TextLog(text, level="INFO", color=rgb(JUMP)))
             self._marked = [*self._marked, jump][-_MOST_MARKS:]

@@ -26,6 +26,8 @@ HYSTERETIC = (f"hysteretic {CHAIN}",)
 LOOSE = tuple(f"loose {kind}" for kind in (CHAIN, HYBRID))
 """With backlash."""
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
+ON_GRADUAL_GROUND = tuple(f"{kind} on gradual ground" for kind in (CHAIN, GRAPH))
+"""With friction and, unless some contacts have none, slopes that change along the track; friction is not commanded."""
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
 TOLERANCE = 1e-6
 """Of planar bodies, relative to their extent."""
@@ -58,7 +60,10 @@ class Driven:
         segments = [_moved(segment, by) for segment in body["segments"]]
         data = self.data | {"body": body | {"contacts": [x + by for x in body["contacts"]], "segments": segments}}
         if "ground" in data:
-            data["ground"] = {key: [_moved(part, by) for part in parts] for key, parts in data["ground"].items()}
+            data["ground"] = {
+                key: _moved(part, by) if isinstance(part, dict) else [_moved(each, by) for each in part]
+                for key, part in data["ground"].items()
+            }
         return Driven(data, self.rows)
 
     def renumbered(self, seed: int) -> tuple[Driven, np.ndarray]:
@@ -108,7 +113,8 @@ class Driven:
 
 
 def _moved(part: dict[str, Any], by: float) -> dict[str, Any]:
-    return part | {key: part[key] + by for key in ("from", "to", "at") if key in part}
+    places = {key: part[key] for key in ("from", "to", "at") if key in part}
+    return part | {key: [x + by for x in at] if isinstance(at, list) else at + by for key, at in places.items()}
 
 
 @dataclass(frozen=True)
@@ -135,9 +141,9 @@ class Drawn:
         if self.kind in IN_THE_PLANE:
             return _in_the_plane(self, rng, length, force, mirrored)
         ground = self.kind.removesuffix(" between walls")
-        bare = ground.removesuffix(" on patches").removeprefix("bent ")
+        bare = ground.removesuffix(" on patches").removesuffix(" on gradual ground").removeprefix("bent ")
         bare = bare.removeprefix("hysteretic ").removeprefix("loose ")
-        plain = dataclasses.replace(self, kind=bare)
+        plain = dataclasses.replace(self, kind=bare, commanded=self.commanded and ground not in ON_GRADUAL_GROUND)
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
             driven = _with_bent_springs(self, driven, length, force, mirrored)
@@ -147,6 +153,8 @@ class Drawn:
             driven = _with_backlash(self, driven, length)
         if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
+        if ground in ON_GRADUAL_GROUND:
+            driven = _on_gradual_ground(plain, driven, length, force, mirrored)
         if self.kind in BETWEEN_WALLS:
             driven = _between_walls(plain, driven, length, mirrored)
         return driven
@@ -328,6 +336,28 @@ def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirro
         weights = [0.05 * force] * isolated + [0.05 * force / length] * segments
         data["body"] = data["body"] | {"weights": weights}
     return Driven(data, driven.rows)
+
+
+def _on_gradual_ground(drawn: Drawn, driven: Driven, length: float, force: float, mirrored: bool) -> Driven:
+    """Lay ground below a body whose factors and slopes are linear between four places, with friction that holds it."""
+    rng = np.random.default_rng([drawn.seed, 4])
+    first, last = {SEGMENT: (9.5, 11.5), HYBRID: (-1.0, 14.0)}.get(drawn.kind, (-1.0, 7.0))
+    at, factors = np.sort(rng.uniform(first, last, 4)), np.exp(rng.uniform(-1.0, 0.5, (2, 4)))
+    slopes = rng.uniform(-8.0, 8.0, 4)
+    if drawn.ties:
+        at = np.sort(rng.choice(np.arange(first, last, 0.25), 4, replace=False)) + 0.0625 / 3.0
+        factors = rng.integers(2, 5, factors.shape) / 2.0
+    if mirrored:
+        at, factors, slopes = -at[::-1], factors[::-1, ::-1], -slopes[::-1]
+    sides = dict(zip(("forward", "backward"), factors.tolist(), strict=True))
+    profile = {"at": (at * length).tolist(), "friction": sides}
+    data = driven.data
+    if not drawn.bare:
+        isolated, segments = len(data["body"]["contacts"]), len(data["body"]["segments"])
+        weights = [0.05 * force] * isolated + [0.05 * force / length] * segments
+        data = data | {"body": data["body"] | {"weights": weights}}
+        profile["slope"] = slopes.tolist()
+    return Driven(data | {"ground": {"profile": profile}}, driven.rows)
 
 
 def _between_walls(drawn: Drawn, driven: Driven, length: float, mirrored: bool) -> Driven:

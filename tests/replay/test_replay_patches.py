@@ -213,3 +213,15 @@ def test_a_recording_of_a_walk_to_a_wall_is_simulated_again_to_the_bit(tmp_path)
     assert replay.comparison.identical
     assert replay.margins.least >= -1e-12
     assert replay.margins.visited > 0.0
+
+
+def test_a_recording_on_gradual_ground_is_repeated_to_the_bit(tmp_path):
+    """Each foot jumps where the ground begins to hold less; its margins are those of the ground below it."""
+    ground = {"profile": {"at": [0.5, 1.25, 1.3, 9.0], "friction": [1.0, 1.5, 0.5, 0.6]}}
+    scene = Scene.model_validate(icy().document() | {"name": "gradual", "ground": ground})
+    replay = analyse(record(tmp_path / "bag", scene, 1))
+    assert replay.problems == ()
+    assert replay.comparison.identical
+    jumps, alone = replay.plain_jumps(), simulate(scene, 2.0).jumps
+    assert [jump["contact"] for jump in jumps] == [f"contact_{jump.contact}" for jump in alone]
+    assert len(jumps) > 0

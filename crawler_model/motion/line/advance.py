@@ -49,7 +49,8 @@ def advance(c, ramp, s):
     middle = 0.5 * (begin + s)
     distance = c.v * ds
     if c.fallen != 0 and begin < 0.0:  # in a fall: by how much its bound exceeds the ground's
-        c.lost += middle * (c.d_forward if c.v > 0.0 else -c.d_backward) * distance
+        excess = c.spare + middle * ((c.d_forward if c.v > 0.0 else c.d_backward) - c.d_under)
+        c.lost += (excess if c.v > 0.0 else -excess) * distance
     if c.v > 0.0:
         ramp.dissipation += (c.forward + middle * c.d_forward) * distance
     else:

@@ -11,6 +11,8 @@ import numpy as np
 from ...compiled import inlined, lean
 from ...rounding import EPS
 from .advance import place_of
+from .ground.bounds import enter_ground
+from .ground.gradual import is_gradual
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .runs import enter_run, find_run, find_span, wake_all
@@ -99,6 +101,7 @@ def _enter(contacts, springs, model, ramp, row, i):
         e.lower = (-c.d_backward if moves else 0.0) if c.at & BACKWARD else -np.inf
         changing = moves and (c.d_forward != 0.0 or c.d_backward != 0.0)
         e.blur = abs(c.forward) + abs(c.backward) if changing else 0.0
+        enter_ground(c, e, model.ground, ramp, i)
     if e.lower > e.upper:  # both bounds are met by rounding just before the interval between them vanishes
         e.upper = e.lower = 0.5 * (e.lower + e.upper)
     e.v = c.v
@@ -310,7 +313,7 @@ def find_block(contacts, springs, model, matrix, ramp, i):
     ramp.path = ramp.guards = 0
     if matrix is None:
         return _find_stretch(contacts, springs, model, model.runs, ramp, i)
-    count = _find_path(contacts, springs, model, ramp, i)
+    count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)
     if count == 0:
         ramp.block += 1
         count = _find_mesh(contacts, springs, model, ramp, i)

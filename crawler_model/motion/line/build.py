@@ -86,11 +86,12 @@ def _build_runs(contacts: int) -> np.ndarray:
     return runs
 
 
-def build_memory(body: Body) -> tuple[Any, ...]:
+def build_memory(body: Body, gradual: bool = False) -> tuple[Any, ...]:
     """Allocate the memory in which ramps are followed.
 
     Args:
         body: the body.
+        gradual: whether the ground changes gradually.
 
     Returns:
         The fields of a `Model` without ground; only the ends of springs hold data between calls.
@@ -102,7 +103,8 @@ def build_memory(body: Body) -> tuple[Any, ...]:
     ends["other"] = body.ends.T[::-1].ravel()[order]
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
-    matrix = None if body.is_chain else np.zeros((n, max(order_contacts(body)[1], 1)))
+    width = 1 if body.is_chain else max(order_contacts(body)[1], 1)
+    matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
     runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 

@@ -14,12 +14,14 @@ from .advance import advance, advance_spring
 from .block import BEGINS, find_block, list_contact, passes_guard, settle
 from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
-from .ground.borders import leave_border, reach_border, rest_on_border
+from .ground.borders import catch, leave_border, reach_border, rest_on_border
+from .ground.bounds import follow_ground
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
+from .ground.tipping import tip
 from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
-from .records import AHEAD, BACKWARD, BEHIND, DONE, FORWARD, KNOT, SPENT, UNSOLVED, WALL
+from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, KNOT, SPENT, UNSOLVED, WALL
 from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
@@ -102,6 +104,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
         if e.run >= 0:
             continue
         c = contacts[e.contact]
+        follow_ground(c, model.ground, ramp, e.contact)
         side = e.side
         if side == 0:  # at rest; it stays at its bound if its force changes as the bound does
             close = ROUNDING * (e.scale + e.blur)
@@ -119,6 +122,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
         c.leaving = c.at & ~held
         note_state(model.pieces, ramp, c, e.contact)
         leave_border(c, model.ground, ramp, e.contact)
+        follow_ground(c, model.ground, ramp, e.contact)
         schedule_next(contacts, springs, model, ramp, e.contact)
         if ramp.path == 0:
             for k in range(c.first, c.last):
@@ -149,6 +153,7 @@ def _solve_around(contacts, springs, model, ramp, i):
             if not passes_guard(contacts, model.block, ramp, count):
                 break
         elif not ramp.woken:
+            tip(contacts, springs, model, model.ground, ramp, count)
             return False
     ramp.rows = count
     _set_rates(contacts, springs, model, ramp, count)
@@ -221,6 +226,8 @@ def _meet(contacts, springs, model, ramp):
         elif c.coming == AHEAD or c.coming == BEHIND or c.coming == WALL:
             if reach_border(c, model.ground, ramp, i) > 0:
                 count = _stop(contacts, springs, model, ramp, i, count)
+        elif c.coming == CATCH:
+            catch(c, model.ground, ramp, i)
         elif c.coming == KNOT:
             count = pass_knots(contacts, springs, model, model.curves, ramp, i, count)
         else:

@@ -12,6 +12,7 @@ from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
 from .ground.borders import ROUNDING
+from .ground.gradual import is_gradual
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .ground.walls import blocked_sides, has_walls
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
@@ -190,7 +191,7 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
         return ENDS
     if outcome == SPENT:
         ramp.overspent = 1.0
-        if has_walls(ground):  # an implicit step would lead contacts through them
+        if has_walls(ground) or is_gradual(ground):  # an implicit step would lead contacts through walls and slopes
             ramp.effort = 0
             return FOLLOWS
     else:
@@ -271,7 +272,7 @@ def _build_terrain(ground):
     """Name the parts of the ground; None without patches."""
     if ground is None:
         return None
-    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6])
+    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6], ground[7])
 
 
 @lean

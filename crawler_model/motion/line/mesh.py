@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL, NOISE
+from .ground.gradual import force_of, stiffness_of
 from .path import limit_of
 
 
@@ -23,6 +24,7 @@ def _connect(contacts, springs, model, matrix, count):
         e.ground = 0.0
         if e.side == 0:
             continue
+        e.ground = stiffness_of(e, model.ground)
         c = contacts[e.contact]
         e.pull = e.load - limit_of(e)
         for k in range(c.first, c.last):
@@ -60,6 +62,13 @@ def _eliminate(block, matrix, count):
             f.reach = max(f.reach, e.reach - d - 1)
             for j in range(d + 1, e.reach):
                 matrix[q, j - d - 1] += part * matrix[r, j]
+
+
+@lean
+def eliminate(contacts, springs, model, matrix, count):
+    """Eliminate the sliding contacts of a block: `ground` of each is then the pivot of its row."""
+    _connect(contacts, springs, model, matrix, count)
+    _eliminate(model.block, matrix, count)
 
 
 @lean
@@ -115,7 +124,7 @@ def _find_flows(contacts, springs, model, ramp, count):
             ends[k].flow = spring.stiffness * _difference(_velocity_of(block, o, c), e.v, source)
             e.pull += ends[k].flow
         if e.side != 0:
-            e.pull -= limit_of(e)
+            e.pull -= force_of(e, model.ground)
 
 
 @lean
@@ -145,8 +154,7 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
     if matrix is None:
         return
     block, ends = model.block, model.ends
-    _connect(contacts, springs, model, matrix, count)
-    _eliminate(block, matrix, count)
+    eliminate(contacts, springs, model, matrix, count)
     most = _substitute(block, matrix, count)
     if not ramp.stepping:
         _find_flows(contacts, springs, model, ramp, count)
@@ -154,9 +162,9 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
     for r in range(count):
         e = block[r]
         if e.side != 0:
-            e.force = limit_of(e)
             if abs(e.v) <= NOISE * most or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * most):
                 e.v = 0.0
+            e.force = force_of(e, model.ground)
     for r in range(count):
         e = block[r]
         c = contacts[e.contact]

@@ -17,6 +17,7 @@ from ..margin import visited_margin
 from ..pieces import CHANGE, NO_PIECES, locate_parts
 from ..state import WORK, dissipated
 from . import build
+from .commands import check_friction
 from .follow import follow
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
 from .springs.records import SLIDER_STATE
@@ -175,7 +176,7 @@ class LineMotion:
 
     Attributes:
         body: the body.
-        track: patches of ground and walls; None if the ground is the same everywhere.
+        track: patches of ground, a profile and walls; None if the ground is the same everywhere.
     """
 
     body: Body
@@ -200,7 +201,7 @@ class LineMotion:
         if self.track is not None:
             place = self.track.find_places(self.body.position, x)
             feet = build.build_feet(self.body, self.track, x, place, bounds)
-            bounds = np.concatenate(self.track.bounds(bounds, place))
+            bounds = np.concatenate(self.track.bounds(bounds, place, self.body.position + x))
         contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
         if feet is not None:
             contacts["at"] &= ~feet["walled"]
@@ -214,7 +215,7 @@ class LineMotion:
         ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
         ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
-        return ramps, build.build_memory(self.body)
+        return ramps, build.build_memory(self.body, self.track is not None and self.track.profile is not None)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
         """Find the fields of a `Model` for a state: the memory's fields, and the sliders of the state.
@@ -293,13 +294,15 @@ class LineMotion:
         runs = parts[6] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
         memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, runs, parts[7])
         track, room = self.track, 0
+        if track is not None and track.changes_friction_gradually:
+            check_friction(self.body, state.friction, targets[:, self.body.springs :])
         kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
         while True:
             if track is not None:
                 room = room or self.body.contacts + 16
                 jumps = zeros(room, JUMP)
                 walls = None if track.walls is None else track.walls.place
-                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise, walls
+                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise, walls, track.profile
                 memory = (*parts[:5], ground, None, parts[7])
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
@@ -357,7 +360,8 @@ class LineMotion:
                 "the loads: no equilibrium, it would run away"
             )
         commanded = np.concatenate([state.feet[name] for name in ("forward", "backward", "load")])
-        forward, backward, load = self.track.bounds(commanded, state.feet["place"])
+        at = self.body.position + state.displacement
+        forward, backward, load = self.track.bounds(commanded, state.feet["place"], at)
         total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
         return (
             f"{self.track.key}: on the ground that the contacts reach, the loads sum to {direction * total:g} N "

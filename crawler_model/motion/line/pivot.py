@@ -12,6 +12,8 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
+from .ground.gradual import holds
+from .ground.unstable import is_stable, search_sides
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .project import project
@@ -39,8 +41,8 @@ def _balance(block, count, row):
     force = size = 0.0
     for j in range(count):
         if j != row:
-            force -= limit_of(block[j])
-            size += abs(limit_of(block[j])) + block[j].blur
+            force -= block[j].force
+            size += abs(block[j].force) + block[j].blur
     block[row].force, block[row].scale = force, size
 
 
@@ -159,6 +161,10 @@ def find_sides(contacts, springs, model, ramp, count):
     patience = ramp.patience if hurries else ramp.patience + count
     visits = 0 if ramp.stepping else ramp.soon * ramp.path
     projects = ramp.path > 0
+    if not is_stable(contacts, springs, model, model.ground, ramp, count):
+        found = search_sides(contacts, springs, model, model.ground, ramp, count)
+        if found >= 0:
+            return found > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
         if projects and turn * count >= visits:
@@ -170,7 +176,7 @@ def find_sides(contacts, springs, model, ramp, count):
             project(model, ramp, count)
         brake, balances, side = -1, False, 0
         resting, last = _count_resting(ramp, block, count)
-        if resting == 0:
+        if resting == 0 and not holds(block, model.ground, count):
             brake, balances = _find_brake(ramp, block, count, last_only)
             if brake < 0:
                 return False

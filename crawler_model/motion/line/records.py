@@ -16,9 +16,9 @@ _FLOAT, _BYTE, _INT, _LONG = np.float64, np.int8, np.int32, np.int64  # long are
 FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
 between them is a point."""
-AHEAD, BEHIND, KNOT, WALL = 4, 8, 16, 32
+AHEAD, BEHIND, KNOT, WALL, CATCH = 4, 8, 16, 32, 64
 """What a contact comes to at its next event, besides a bound: the border ahead or the border behind, a spring that
-begins at it a knot, or a wall."""
+begins at it a knot, a wall, or the bound of the ground that ends its jump."""
 
 CONTACT_STATE = [
     ("x", _FLOAT),  # displacement, where it was last advanced [m]
@@ -42,6 +42,8 @@ CONTACT = np.dtype(
         ("listed", _BYTE),  # whether it is among the contacts around which rates change
         ("fallen", _BYTE),  # bounds that the ground does not hold, as bits: they fall to the ground's in a jump
         ("lost", _FLOAT),  # energy lost in the present jump, not to friction [J]
+        ("spare", _FLOAT),  # in a jump on gradual ground, by how much its bound exceeds the ground's, at s = 0 [N]
+        ("d_under", _FLOAT),  # change of the ground's bound along the fall [N]
         ("d_forward", _FLOAT),  # change of the bounds and of the load along the ramp [N]
         ("d_backward", _FLOAT),
         ("d_load", _FLOAT),
@@ -150,7 +152,10 @@ BLOCK = np.dtype(
         ("flow", _FLOAT),  # rate of its tension that is found [N]
         ("zero", _FLOAT),  # where the function before the contact vanishes, see `project` [N]
         # where the block is a graph
-        ("ground", _FLOAT),  # sum of the stiffnesses to contacts at rest [N/m]
+        ("ground", _FLOAT),  # sum of the stiffnesses to contacts at rest, and to gradual ground [N/m]
+        ("ahead", _FLOAT),  # stiffness of gradual ground, if the contact slides forward [N/m]
+        ("behind", _FLOAT),  # likewise, backward [N/m]
+        ("tried", _BYTE),  # side in the solution that a search of all sides found first
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
         ("rough", _FLOAT),  # velocity before its correction [m]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
@@ -320,6 +325,8 @@ class Terrain(NamedTuple):
     walls: Any
     """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]; None without
     walls, where nothing of them is compiled."""
+    profile: Any
+    """As in `body.ground.Track`; None if the ground changes at borders alone, likewise."""
 
 
 class Model(NamedTuple):
@@ -331,7 +338,8 @@ class Model(NamedTuple):
     """BLOCK, memory, shape (N + 1,)."""
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
-    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need."""
+    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need. On
+    gradual ground no block is followed as a path, and chains have a matrix, too."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled import inlined
 from ...rounding import EPS, LATE
 from .ground.borders import find_meeting
+from .ground.gradual import find_catch
 from .ground.walls import blocked_sides, find_wall
 from .records import BACKWARD, FORWARD, KNOT
 from .springs.bends import find_knot
@@ -58,6 +59,7 @@ def schedule_next(contacts, springs, model, ramp, i):
     """Find the next event of a contact at s whose rates are known, if there is one up to the end of the ramp."""
     c = contacts[i]
     when = find_wall(c, model.ground, i, find_meeting(c, model.ground, i))
+    when = find_catch(c, model.ground, ramp, when)
     if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
         other = _find_arrival(c, springs, model.ends, model.ground, ramp, i)

@@ -324,7 +324,7 @@ def put(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
     *parents, last = path.split("=")[0].split("/")
     for key in parents:
         place = place[int(key) if isinstance(place, list) else key]
-    place[last] = {path.split("=")[1]: value} if "=" in path else value
+    place[int(last) if isinstance(place, list) else last] = {path.split("=")[1]: value} if "=" in path else value
     return document
 
 
@@ -396,6 +396,18 @@ BOUNDED = {
     ("PatchPart", "forward"): (PATCHED, "ground/patches/0/forward"),
     ("PatchPart", "backward"): (PATCHED, "ground/patches/0/backward"),
     ("PatchPart", "slope"): (PATCHED, "ground/patches/0/slope"),
+    ("ProfilePart", "friction"): (
+        {**PATCHED, "ground": {"profile": {"at": [0], "friction": [1]}}},
+        "ground/profile/friction/0",
+    ),
+    ("ProfilePart", "slope"): ({**PATCHED, "ground": {"profile": {"at": [0], "slope": [1]}}}, "ground/profile/slope/0"),
+    **{
+        ("ProfileSidesPart", side): (
+            {**PATCHED, "ground": {"profile": {"at": [0], "friction": {"forward": [1], "backward": [1]}}}},
+            f"ground/profile/friction/{side}/0",
+        )
+        for side in ("forward", "backward")
+    },
     **{
         (part, side): (put(TURNING, where, SIDES), f"{where.replace('=', '/')}/{side}")
         for part, where in (

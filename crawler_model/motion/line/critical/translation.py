@@ -12,6 +12,7 @@ from ....rounding import CRITICAL, NOISE, SHORTEST_STRETCH
 from ..advance import advance
 from ..block import settle
 from ..ground.falls import draw_all
+from ..ground.gradual import holds_body
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..runs import wake_all
 from ..springs.bends import find_lengths, near_of
@@ -225,6 +226,8 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     """Choose the translation of the present part if it is free at s."""
     if curves is None:  # else parts count if they last, see `events`
         sample_margin(contacts, springs, model, curves, ramp)
+    if holds_body(contacts, model.ground):
+        return
     critical = is_critical(contacts, springs, model, curves, ramp)
     if critical or _is_free(contacts, model.block, curves, ramp):
         if not ramp.shifted:

@@ -17,77 +17,14 @@ from ....compiled import lean
 from ....rounding import CRITICAL, EPS
 from ..advance import place_of
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD, WALL
+from .bounds import follow_ground, hold, set_bound, set_load
+from .gradual import is_gradual
 from .walls import is_at_wall, leave_wall, put_at_wall, rest_at_wall
 
 ROUNDING = 64.0 * EPS
 """Part of the span within which a contact is at a border: positions are sums of a few rounded numbers."""
 SLIDES = 1e-290
 """Velocities below this stand for contacts that are about to slide."""
-
-
-@lean
-def _hold(foot, ground, stretch, side, s):
-    """Compute the bound that a stretch of ground holds under a contact: c mu less the load, its slope's included.
-
-    Returns the commanded bound itself where the stretch is like the rest of the track.
-    """
-    factor = ground.grip[0 if side == FORWARD else 1, stretch]
-    if foot.follows:
-        factor *= ground.pressed[stretch]
-    load, tilt = foot.load + s * foot.d_load, -foot.weight * ground.rise[stretch]
-    bound = foot.forward + s * foot.d_forward
-    if side == BACKWARD:
-        bound, load, tilt = foot.backward + s * foot.d_backward, -load, -tilt
-    if factor == 1.0 and tilt == 0.0:
-        return bound
-    return factor * (bound + load) - (load + tilt)
-
-
-@lean
-def set_bound(c, foot, ground, side, ramp):
-    """Set a bound of a contact, along the ramp, to the bound of the ground at its place; in a fall commands rest.
-
-    Args:
-        side: FORWARD or BACKWARD.
-    """
-    stretch = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2
-    begin = _hold(foot, ground, stretch, side, ramp.rests if ramp.falling else 0.0)
-    change = 0.0 if ramp.falling else _hold(foot, ground, stretch, side, 1.0) - begin
-    if side == FORWARD:
-        c.forward, c.d_forward = begin, change
-    else:
-        c.backward, c.d_backward = begin, change
-
-
-@lean
-def excess_of(c, foot, ground):
-    """Compute by how much the bound in force of a contact that falls exceeds the ground's, while commands rest.
-
-    Returns:
-        The excess [N]; 0 if it does not fall.
-    """
-    if c.fallen & FORWARD:
-        return c.forward - _hold(foot, ground, (foot.place + 1) // 2, FORWARD, 0.0)
-    if c.fallen & BACKWARD:
-        return c.backward - _hold(foot, ground, foot.place // 2, BACKWARD, 0.0)
-    return 0.0
-
-
-@lean
-def _set_load(c, foot, ground, ramp):
-    """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides."""
-    rise = 0.5 * (ground.rise[(foot.place + 1) // 2] + ground.rise[foot.place // 2])
-    c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
-    if ramp.falling:
-        c.load, c.d_load = c.load + ramp.rests * c.d_load, 0.0
-
-
-@lean
-def set_bounds(c, foot, ground, ramp):
-    """Set both bounds of a contact and its load as the ground at its place demands, see `set_bound`."""
-    set_bound(c, foot, ground, FORWARD, ramp)
-    set_bound(c, foot, ground, BACKWARD, ramp)
-    _set_load(c, foot, ground, ramp)
 
 
 @lean
@@ -151,7 +88,7 @@ def leave_border(c, ground, ramp, i):
     side = FORWARD if c.v > 0.0 else BACKWARD
     foot.place += 1 if c.v > 0.0 else -1
     set_bound(c, foot, ground, BACKWARD if side == FORWARD else FORWARD, ramp)
-    _set_load(c, foot, ground, ramp)
+    set_load(c, foot, ground, ramp)
     if c.forward + c.backward > 0.0 or c.d_forward + c.d_backward > 0.0:
         c.at &= side
         c.leaving &= side
@@ -160,9 +97,21 @@ def leave_border(c, ground, ramp, i):
 @lean
 def _hold_beyond(foot, ground, coming, s):
     """Compute the bound beyond a border, as `_hold`."""
+    p = ground.borders[border_of(foot, ground, coming)]
     if coming == AHEAD:
-        return _hold(foot, ground, foot.place // 2 + 1, FORWARD, s)
-    return _hold(foot, ground, (foot.place + 1) // 2 - 1, BACKWARD, s)
+        return hold(foot, ground, foot.place // 2 + 1, FORWARD, s, p)
+    return hold(foot, ground, (foot.place + 1) // 2 - 1, BACKWARD, s, p)
+
+
+@lean
+def _hold_before(c, foot, ground, coming, s, force):
+    """Return the bound in force before a border; on gradual ground that of the stretch there, where it comes to it."""
+    if c.fallen != 0 or not is_gradual(ground):
+        return force
+    p = ground.borders[border_of(foot, ground, coming)]
+    if coming == AHEAD:
+        return hold(foot, ground, (foot.place + 1) // 2, FORWARD, s, p)
+    return hold(foot, ground, foot.place // 2, BACKWARD, s, p)
 
 
 @lean
@@ -194,6 +143,7 @@ def compare(c, foot, ground, coming, ramp):
     s, commanded = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s
     beyond = _hold_beyond(foot, ground, coming, commanded)
     force = c.forward + s * c.d_forward if coming == AHEAD else c.backward + s * c.d_backward
+    force = _hold_before(c, foot, ground, coming, commanded, force)
     if abs(beyond - force) <= CRITICAL * (abs(beyond) + abs(force) + abs(c.load)):
         return 0
     return -1 if beyond < force else 1
@@ -220,14 +170,18 @@ def reach_border(c, ground, ramp, i):
     side = FORWARD if coming == AHEAD else BACKWARD
     j = border_of(foot, ground, coming)
     put_on_border(c, foot, ground, j)
+    if order <= 0 and c.fallen != 0 and is_gradual(ground):  # its jump goes on
+        leave_border(c, ground, ramp, i)
+        return 0
     close_jump(c, ground, ramp, i)
     if order >= 0:
         set_bound(c, foot, ground, side, ramp)
         c.fallen &= ~side
-    _set_load(c, foot, ground, ramp)
+    set_load(c, foot, ground, ramp)
     if order > 0:
         c.at = c.leaving = 0
         c.v = 0.0
+        follow_ground(c, ground, ramp, i)
         return 1
     c.at |= side
     if order == 0:
@@ -247,6 +201,23 @@ def _stop_at_wall(c, foot, ground, ramp, i):
     if c.fallen & side:
         set_bound(c, foot, ground, side, ramp)
         c.fallen &= ~side
+    follow_ground(c, ground, ramp, i)
+
+
+@lean
+def catch(c, ground, ramp, i):
+    """End the jump of a contact whose falling bound has met that of the ground at its place.
+
+    Args:
+        c: CONTACT i, advanced to s.
+    """
+    if ground is None:
+        return
+    side = c.fallen
+    c.fallen = 0
+    c.at |= side
+    set_bound(c, ground.feet[i], ground, side, ramp)
+    close_jump(c, ground, ramp, i)
 
 
 @lean
@@ -306,7 +277,7 @@ def rest_on_border(c, ground, ramp, i):
         return
     put_on_border(c, foot, ground, border_of(foot, ground, coming))
     set_bound(c, foot, ground, side, ramp)
-    _set_load(c, foot, ground, ramp)
+    set_load(c, foot, ground, ramp)
     if order > 0:
         c.at &= ~side
         if (c.v > 0.0) == (coming == AHEAD):

@@ -19,7 +19,18 @@ from ..advance import advance, advance_spring, place_of
 from ..block import list_contact, settle
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from ..tournament import schedule
-from .borders import ROUNDING, SLIDES, close_jump, compare, gap_of, reach_border, rest_on_border, set_bound, set_bounds
+from .borders import (
+    ROUNDING,
+    SLIDES,
+    close_jump,
+    compare,
+    gap_of,
+    open_jump,
+    reach_border,
+    rest_on_border,
+)
+from .bounds import hold, set_bound, set_bounds
+from .gradual import is_gradual
 from .walls import is_at_wall
 
 _BEGIN, _END = -1.0, -1e-300
@@ -36,6 +47,8 @@ def is_due(c, ground, ramp, i):
         Whether it is.
     """
     if ground is None or abs(c.v) <= SLIDES:
+        return False
+    if c.fallen != 0 and is_gradual(ground):  # it falls further
         return False
     coming = AHEAD if c.v > 0.0 else BEHIND
     foot = ground.feet[i]
@@ -207,6 +220,38 @@ def _rewind(contacts, springs, model, ramp):
 
 
 @lean
+def _fall_to(c, foot, ground, side, ramp):
+    """Find how far a bound of a contact falls from that in force: to that of the ground at its place.
+
+    On gradual ground it falls to the least on its way, until it meets that of the ground where it then is.
+
+    Args:
+        side: FORWARD or BACKWARD.
+    """
+    bound = c.forward if side == FORWARD else c.backward
+    set_bound(c, foot, ground, side, ramp)
+    least = c.forward if side == FORWARD else c.backward
+    if is_gradual(ground):
+        least = _least_beyond(foot, ground, side, ramp.rests, least)
+    if side == FORWARD:
+        c.forward, c.d_forward = least, min(least - bound, 0.0)
+    else:
+        c.backward, c.d_backward = least, min(least - bound, 0.0)
+
+
+@lean
+def _least_beyond(foot, ground, side, s, least):
+    """Find the least bound of the ground that a contact may slide onto, which is at an end of a stretch."""
+    last = ground.borders.shape[0]
+    begin, end = ((foot.place + 1) // 2, last) if side == FORWARD else (0, foot.place // 2)
+    for stretch in range(begin, end + 1):
+        for j in (stretch - 1, stretch):
+            if 0 <= j < last:
+                least = min(least, hold(foot, ground, stretch, side, s, ground.borders[j]))
+    return least
+
+
+@lean
 def begin_fall(contacts, springs, model, ground, ramp, count):
     """Begin a fall of all contacts that are now at borders beyond which the ground holds less, or one anew with them.
 
@@ -219,7 +264,7 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return count
-    block = model.block
+    block, first = model.block, ramp.due - 1
     if ramp.due > 0:
         count = _let_all_fall(contacts, model, ground, ramp, count)
     ramp.due = 0
@@ -234,20 +279,34 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
             ramp.begun = 1
     for j in range(count):
         draw(contacts, model, ground, ramp, block[j].hit)
+    if first >= 0:
+        draw(contacts, model, ground, ramp, first)
     for j in range(ramp.drawn):
         i = block[j].drawn
         c, foot = contacts[i], ground.feet[i]
         schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.block, i, count)
         if c.fallen & FORWARD:
-            bound = c.forward
-            set_bound(c, foot, ground, FORWARD, ramp)
-            c.d_forward = min(c.forward - bound, 0.0)
+            _fall_to(c, foot, ground, FORWARD, ramp)
         if c.fallen & BACKWARD:
-            bound = c.backward
-            set_bound(c, foot, ground, BACKWARD, ramp)
-            c.d_backward = min(c.backward - bound, 0.0)
+            _fall_to(c, foot, ground, BACKWARD, ramp)
     return count
+
+
+@lean
+def let_tip(c, ground, ramp, i, side):
+    """Let a contact begin to jump, whose bound falls faster with its displacement than the force on it.
+
+    Args:
+        c: CONTACT i.
+        side: FORWARD or BACKWARD, the bound that it is at.
+    """
+    if ground is None:
+        return
+    advance(c, ramp, place_of(c, ramp))
+    c.fallen = side
+    open_jump(c, ground, ramp, i, ground.feet[i].home + (c.x + c.rest))
+    ramp.due = i + 1
 
 
 @lean
@@ -281,6 +340,9 @@ def end_fall(contacts, springs, model, ground, ramp, count):
         c.forward += s * c.d_forward
         c.backward += s * c.d_backward
         c.d_forward = c.d_backward = 0.0
+        if s == _END and is_gradual(ground):  # its bound may be the least just where the next stretch begins
+            close_jump(c, ground, ramp, i)
+            c.fallen = 0
         rest_on_border(c, ground, ramp, i)
         forward, backward = c.forward, c.backward
         set_bounds(c, foot, ground, ramp)

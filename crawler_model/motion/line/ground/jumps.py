@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ....compiled import inlined, lean
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
-from .borders import ROUNDING, border_of, close_jump, gap_of, open_jump, put_on_border, rest_on_border, set_bounds
+from .borders import ROUNDING, border_of, close_jump, gap_of, open_jump, put_on_border, rest_on_border
+from .bounds import set_bounds
 from .walls import keep_before_walls
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from ....compiled import lean
 from ....rounding import CRITICAL, EPS
 from ..advance import move
-from ..ground.borders import excess_of, gap_of, leave_border, open_jump, reach_border
+from ..ground.borders import gap_of, leave_border, open_jump, reach_border
+from ..ground.bounds import excess_of
 from ..ground.falls import has_fallen
 from ..ground.walls import room_of
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD

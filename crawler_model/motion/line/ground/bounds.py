@@ -1,0 +1,161 @@
+"""The bounds of contacts by the ground at their places, along a ramp."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ..advance import place_of
+from ..records import BACKWARD, FORWARD
+from .gradual import change_at, slopes_of
+
+
+@lean
+def hold(foot, ground, stretch, side, s, p):
+    """Compute the bound that a stretch of ground holds under a contact: c mu less the load, its slope's included.
+
+    Returns the commanded bound itself where the stretch is like the rest of the track.
+    """
+    factor = ground.grip[0 if side == FORWARD else 1, stretch]
+    if foot.follows:
+        factor *= ground.pressed[stretch]
+    steeper, higher = change_at(ground.profile, side, stretch, p)
+    factor += steeper
+    load, tilt = foot.load + s * foot.d_load, -foot.weight * (ground.rise[stretch] + higher)
+    bound = foot.forward + s * foot.d_forward
+    if side == BACKWARD:
+        bound, load, tilt = foot.backward + s * foot.d_backward, -load, -tilt
+    if factor == 1.0 and tilt == 0.0:
+        return bound
+    return factor * (bound + load) - (load + tilt)
+
+
+@inlined
+def _place_of(c, foot):
+    """Return the place of a contact on the track [m]."""
+    return foot.home + (c.x + c.rest)
+
+
+@lean
+def set_bound(c, foot, ground, side, ramp):
+    """Set a bound of a contact, along the ramp, to the bound of the ground at its place; in a fall commands rest.
+
+    Args:
+        side: FORWARD or BACKWARD.
+    """
+    stretch, p = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2, _place_of(c, foot)
+    begin = hold(foot, ground, stretch, side, ramp.rests if ramp.falling else 0.0, p)
+    change = 0.0 if ramp.falling else hold(foot, ground, stretch, side, 1.0, p) - begin
+    if side == FORWARD:
+        c.forward, c.d_forward = begin, change
+    else:
+        c.backward, c.d_backward = begin, change
+
+
+@lean
+def excess_of(c, foot, ground):
+    """Compute by how much the bound in force of a contact that falls exceeds the ground's, while commands rest.
+
+    Returns:
+        The excess [N]; 0 if it does not fall.
+    """
+    if c.fallen & FORWARD:
+        return c.forward - hold(foot, ground, (foot.place + 1) // 2, FORWARD, 0.0, _place_of(c, foot))
+    if c.fallen & BACKWARD:
+        return c.backward - hold(foot, ground, foot.place // 2, BACKWARD, 0.0, _place_of(c, foot))
+    return 0.0
+
+
+@lean
+def set_load(c, foot, ground, ramp):
+    """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides."""
+    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot)
+    rise = 0.5 * (ground.rise[ahead] + ground.rise[behind])
+    rise += 0.5 * (change_at(ground.profile, FORWARD, ahead, p)[1] + change_at(ground.profile, FORWARD, behind, p)[1])
+    c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
+    if ramp.falling:
+        c.load, c.d_load = c.load + ramp.rests * c.d_load, 0.0
+
+
+@lean
+def set_bounds(c, foot, ground, ramp):
+    """Set both bounds of a contact and its load as the ground at its place demands, see `set_bound`."""
+    set_bound(c, foot, ground, FORWARD, ramp)
+    set_bound(c, foot, ground, BACKWARD, ramp)
+    set_load(c, foot, ground, ramp)
+
+
+@lean
+def follow_ground(c, ground, ramp, i):
+    """Let the bounds and the load of a contact change with its place, at the velocity that was found.
+
+    Args:
+        c: CONTACT i, advanced to s.
+    """
+    if ground is not None:
+        _follow_ground(c, ground.feet[i], ground, ground.profile, ramp)
+
+
+@lean
+def _follow_ground(c, foot, ground, profile, ramp):
+    if profile is None:
+        return
+    s, commanded, p = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s, _place_of(c, foot)
+    ahead, behind = (foot.place + 1) // 2, foot.place // 2
+    if c.v > 0.0:
+        behind = ahead
+    elif c.v < 0.0:
+        ahead = behind
+    up, down = slopes_of(foot, profile, ahead, behind)
+    moves = 0.0 if ramp.falling else 1.0
+    forward = hold(foot, ground, ahead, FORWARD, commanded, p)
+    d_forward = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
+    backward = hold(foot, ground, behind, BACKWARD, commanded, p)
+    d_backward = moves * (hold(foot, ground, behind, BACKWARD, 1.0, p) - hold(foot, ground, behind, BACKWARD, 0.0, p))
+    d_forward += up * c.v
+    d_backward -= down * c.v
+    if c.fallen & FORWARD:
+        c.spare, c.d_under = c.forward - (forward - s * d_forward), d_forward
+    else:
+        c.forward, c.d_forward = forward - s * d_forward, d_forward
+    if c.fallen & BACKWARD:
+        c.spare, c.d_under = c.backward - (backward - s * d_backward), d_backward
+    else:
+        c.backward, c.d_backward = backward - s * d_backward, d_backward
+    set_load(c, foot, ground, ramp)
+    slide = -foot.weight * profile[3, ahead] * c.v
+    c.load, c.d_load = c.load - s * slide, c.d_load + slide
+    if c.side > 0 and c.at & FORWARD:
+        c.force, c.force_rate = c.forward + s * c.d_forward, c.d_forward
+    elif c.side < 0 and c.at & BACKWARD:
+        c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
+
+
+@lean
+def enter_ground(c, e, ground, ramp, i):
+    """Enter the stiffness of gradual ground in a row of a block, and limits that do not contain it.
+
+    Args:
+        c: CONTACT i.
+        e: its BLOCK.
+    """
+    if ground is not None:
+        _enter_ground(c, e, ground.feet[i], ground, ground.profile, ramp)
+
+
+@lean
+def _enter_ground(c, e, foot, ground, profile, ramp):
+    if profile is None:
+        return
+    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot)
+    e.ahead, e.behind = slopes_of(foot, profile, ahead, behind)
+    moves = 0.0 if ramp.falling else 1.0
+    if c.fallen & FORWARD:
+        e.ahead = 0.0
+    elif e.upper < np.inf:
+        e.upper = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
+    if c.fallen & BACKWARD:
+        e.behind = 0.0
+    elif e.lower > -np.inf:
+        change = hold(foot, ground, behind, BACKWARD, 1.0, p) - hold(foot, ground, behind, BACKWARD, 0.0, p)
+        e.lower = -moves * change

@@ -1,0 +1,84 @@
+"""The beginning of a jump on gradual ground: the contact whose bound falls faster than the force on it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import lean
+from ..pivot import find_sides
+from ..records import BACKWARD, FORWARD
+from .falls import let_tip
+from .gradual import NEUTRAL
+
+_STIFF = 1e6
+"""Stiffness, in terms of those of its springs, of what moves a contact to see whether its force exceeds its bound."""
+
+
+@lean
+def tip(contacts, springs, model, ground, ramp, count):
+    """Let a contact of a block without a solution jump.
+
+    A contact can begin to if, at fixed commands, its force does not fall below its bound when it is moved and the
+    others follow.
+    Where several can, the first one whose ground holds less and less does, and the end of the jump is one of several.
+
+    Args:
+        ground: the `Terrain`; `due` of the ramp is then the contact.
+    """
+    if ground is not None:
+        _tip(contacts, springs, model, ground, ground.profile, ramp, count)
+
+
+@lean
+def _tip(contacts, springs, model, ground, profile, ramp, count):
+    if profile is None:
+        return
+    if ramp.stepping or ramp.due > 0 or ramp.effort > ramp.budget:
+        return
+    block, first, way, found = model.block, -1, 0, 0
+    ambiguous, least = ramp.ambiguous, np.inf
+    for row in range(count):
+        e = block[row]
+        ahead, behind = e.ahead, e.behind
+        for side in (FORWARD, BACKWARD):
+            slope = ahead if side == FORWARD else behind
+            if not _push(contacts, springs, model, count, row, side):
+                continue
+            if find_sides(contacts, springs, model, ramp, count):
+                excess = e.force - slope * e.v
+                size = abs(slope) + 1.0 / e.kept
+                if (excess if side == FORWARD else -excess) > -NEUTRAL * size:
+                    found += 1
+                    if first < 0 or (slope < 0.0 <= least):
+                        first, way, least = e.contact, side, slope
+            e.ahead, e.behind = ahead, behind
+    ramp.ambiguous = ambiguous if found < 2 else 1.0
+    if found > 0:
+        let_tip(contacts[first], ground, ramp, first, way)
+
+
+@lean
+def _push(contacts, springs, model, count, row, side):
+    """Let commands rest, and move one contact at a velocity of 1, its force free; returns whether it is at that bound.
+
+    `kept` of its row is the compliance of its springs.
+    """
+    block = model.block
+    for j in range(count):
+        e = block[j]
+        c = contacts[e.contact]
+        e.load = e.v = 0.0
+        e.side = 0
+        e.upper = 0.0 if c.at & FORWARD else np.inf
+        e.lower = 0.0 if c.at & BACKWARD else -np.inf
+    e = block[row]
+    c, stiffness = contacts[e.contact], 0.0
+    if c.fallen != 0 or not c.at & side:
+        return False
+    for k in range(c.first, c.last):
+        stiffness += springs[model.ends[k].spring].stiffness
+    e.kept = 1.0 / stiffness
+    e.ahead = e.behind = _STIFF * stiffness
+    e.upper, e.lower = (-e.ahead, -np.inf) if side == FORWARD else (np.inf, e.ahead)
+    e.side = 1 if side == FORWARD else -1
+    return True

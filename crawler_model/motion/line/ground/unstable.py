@@ -1,0 +1,120 @@
+"""Blocks on ground that holds less and less, where rates need not exist, and need not be the only ones.
+
+With K the stiffness of the springs and H that of the ground, the sides of a block are a linear complementarity problem
+of K + H, which is symmetric. As long as it is positive definite on all contacts at bounds there is one solution, which
+principal pivoting finds. Else all sides are tried: none that fits is the beginning of a jump, several are different
+paths.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....compiled import inlined, lean
+from ....rounding import CRITICAL, EPS
+from ..mesh import eliminate, solve_mesh
+from .gradual import stiffness_of
+
+_ROUNDING = 32.0 * EPS
+_MOST_TRIALS = 2048
+"""Combinations of sides that are tried; with more, pivoting may find one of several solutions, or none."""
+
+
+@lean
+def is_stable(contacts, springs, model, ground, ramp, count):
+    """Determine whether a block has one solution whatever its loads are: whether K + H is positive definite on it."""
+    if ground is None:
+        return True
+    return _is_stable(contacts, springs, model, ground.profile, ramp, count)
+
+
+@lean
+def _is_stable(contacts, springs, model, profile, ramp, count):
+    if profile is None:
+        return True
+    if ramp.stepping:
+        return True
+    block, falls = model.block, False
+    for j in range(count):
+        e = block[j]
+        e.tried = e.side
+        up = e.ahead if e.upper < np.inf else np.inf
+        down = e.behind if e.lower > -np.inf else np.inf
+        falls |= min(up, down) < 0.0
+        e.side = 1 if up <= down else -1
+    stable = True
+    if falls:
+        eliminate(contacts, springs, model, model.matrix, count)
+        for j in range(count):
+            c, size = contacts[block[j].contact], abs(stiffness_of(block[j], model.ground))
+            for k in range(c.first, c.last):
+                size += springs[model.ends[k].spring].stiffness
+            stable &= block[j].ground > CRITICAL * size
+    for j in range(count):
+        block[j].side = block[j].tried
+    ramp.effort += count
+    return stable
+
+
+@inlined
+def _fits(e):
+    """Determine whether a contact fulfils its condition."""
+    if e.side != 0:
+        return e.v * e.side > 0.0
+    close = _ROUNDING * (e.scale + e.blur)
+    return e.lower - close <= e.force <= e.upper + close
+
+
+@lean
+def _next_side(e):
+    """Change the side of a contact to the next one: rest, forward, backward, then rest again; returns whether it is."""
+    if e.side == 0 and e.upper < np.inf:
+        e.side = 1
+    elif e.side >= 0 and e.lower > -np.inf:
+        e.side = -1
+    else:
+        e.side = 0
+    return e.side == 0
+
+
+@lean
+def search_sides(contacts, springs, model, ground, ramp, count):
+    """Try all sides of a block that is not stable; the solution in which the first contacts rest is taken.
+
+    Returns:
+        How many solutions there are, of which that is one; -1 if there are too many sides to try.
+    """
+    if ground is None:
+        return -1
+    block, trials, found = model.block, 1.0, 0
+    for j in range(count):
+        e = block[j]
+        trials *= 1.0 + (e.upper < np.inf) + (e.lower > -np.inf)
+    if trials > _MOST_TRIALS:
+        ramp.ambiguous = 1.0
+        return -1
+    for j in range(count):
+        block[j].side = 0
+    done = False
+    while not done:
+        ramp.effort += count
+        solve_mesh(contacts, springs, model, model.matrix, ramp, count)
+        fits = True
+        for j in range(count):
+            fits &= _fits(block[j])
+        if fits:
+            found += 1
+            for j in range(count):
+                if found == 1:
+                    block[j].tried = block[j].side
+        row = count - 1
+        while row >= 0 and _next_side(block[row]):
+            row -= 1
+        done = row < 0
+    if found > 1:
+        ramp.ambiguous = 1.0
+    if found > 0:
+        for j in range(count):
+            block[j].side = block[j].tried
+        solve_mesh(contacts, springs, model, model.matrix, ramp, count)
+    return found

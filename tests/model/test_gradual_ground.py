@@ -1,0 +1,291 @@
+"""Ground that changes gradually: closed forms, jumps, verdicts, the limit of many patches, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_lab import optimise, sensitivities
+from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
+
+from .bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
+
+ONE, TWO = None, [[0, 1], [0, 1]]
+BODIES = pytest.mark.parametrize("between", [ONE, TWO], ids=["chain", "graph"])
+
+
+def two(profile: dict[str, Any], rows: list[float], between: Any = ONE, **more: Any) -> Scene:
+    """Two contacts, 0.2 m apart, on 20 N/m, as one link or as two; friction is 1 N, and 50 N backward."""
+    links = {"stiffness": 20.0} if between is None else {"stiffness": 10.0, "between": between}
+    lengths = [[row] if between is None else [row, row] for row in rows]
+    scene: dict[str, Any] = {
+        "name": "two",
+        "body": {"contacts": [0.0, 0.2], "links": links},
+        "friction": {"forward": 1.0, "backward": 50.0},
+        "ground": {"profile": profile},
+        "drive": {"times": list(range(len(rows))), "actuation": lengths},
+    }
+    return Scene.model_validate(scene | more)
+
+
+@BODIES
+def test_each_stroke_on_ground_that_holds_more_and_more_ends_at_its_closed_form(between):
+    k, mu, a, stroke, length = 20.0, 0.2, 0.5, 0.1, 0.2
+    run = simulate(two({"at": [0.0, 10.0], "friction": [mu, mu + 10.0 * a]}, [0.0, *[stroke, 0.0] * 60], between))
+    rear, front, q = 0.0, length, 1.0 / (1.0 + a / k)
+    for row in range(1, 121, 2):
+        front = max(front, q * (rear + length + stroke - mu / k))
+        assert run.waypoint_displacement[row] == pytest.approx([rear, front - length], abs=1e-14)
+        rear = max(rear, q * (front - length - mu / k))
+        assert run.waypoint_displacement[row + 1] == pytest.approx([rear, front - length], abs=1e-14)
+    stall = (q**2 * (length + stroke - mu / k) - q * (length + mu / k)) / (1.0 - q**2)
+    assert 0.5 * stall < rear < stall
+    assert run.unique
+    assert not run.jumps
+
+
+@BODIES
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_contact_jumps_where_the_ground_holds_less_faster_than_its_spring(between, mirrored):
+    """Friction falls from f to f/5 within 1 mm; the jump is that over a border, and 0.08 mJ less is lost."""
+    f, k, sign = 0.2, 20.0, -1.0 if mirrored else 1.0
+    at = [0.22, 0.221] if not mirrored else [-0.021, -0.02]
+    sides = {"forward": [f, f / 5], "backward": [1.0, 1.0]} if not mirrored else {"forward": [1.0, 1.0]}
+    sides = sides if not mirrored else sides | {"backward": [f / 5, f]}
+    friction = {"forward": 1.0, "backward": 1.0}
+    run = simulate(two({"at": at, "friction": sides}, [0.0, 0.1], between, friction=friction))
+    (jump,) = run.jumps
+    assert jump.contact == (0 if mirrored else 1)
+    assert jump.border == pytest.approx(-0.02 if mirrored else 0.22, abs=1e-15)
+    assert jump.distance == pytest.approx(sign * 0.8 * f / k, abs=1e-15)
+    assert jump.loss == pytest.approx(0.00056, abs=1e-15)
+    assert jump.time == pytest.approx((0.02 + f / k) / 0.1, abs=1e-12)
+    assert abs(run.displacement[-1]).max() == pytest.approx(0.1 - f / 5 / k, abs=1e-15)
+    assert run.unique
+    assert abs(run.energy.residual) < 1e-15
+
+
+def test_a_jump_ends_at_a_wall():
+    ground = {
+        "profile": {"at": [0.22, 0.221], "friction": [0.2, 0.04]},
+        "walls": [{"at": 0.224, "stops": "forward"}],
+    }
+    run = simulate(two({}, [0.0, 0.1], ground=ground))
+    (jump,) = run.jumps
+    assert jump.distance == pytest.approx(0.004, abs=1e-15)
+    assert run.displacement[-1] == pytest.approx([0.0, 0.024], abs=1e-15)
+    assert run.wall_push[-1].least == pytest.approx(20.0 * (0.1 - 0.024) - 0.04)
+
+
+def test_a_slope_that_grows_stops_the_climb_where_it_holds_the_stroke():
+    """The sine is linear: at 0.2 + u the front is pulled back by its weight times u, as by one more spring."""
+    weight, k, mu = 4.0, 20.0, 0.2
+    profile = {"at": [0.2, 0.7], "slope": [0.0, 30.0]}
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": k}, "weights": [0.0, weight]}
+    run = simulate(two(profile, [0.0, 0.1], friction={"forward": mu, "backward": 5.0}, body=body))
+    assert run.displacement[-1] == pytest.approx([0.0, (k * 0.1 - mu) / (k + weight)], abs=1e-15)
+    assert run.energy.loads_work == pytest.approx(-0.5 * weight * run.displacement[-1, 1] ** 2, abs=1e-15)
+    assert abs(run.energy.residual) < 1e-15
+
+
+BELOW = {"at": [0.0, 1.0], "friction": [1.0, 0.2]}
+
+
+def test_of_two_contacts_at_their_bounds_either_may_slide_where_the_ground_holds_less_and_less():
+    """Both are at their bounds from the start; if the front slides, its bound falls, and nothing moves the rear."""
+    data = {
+        "name": "either",
+        "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},
+        "friction": {"forward": [9.0, 0.5], "backward": [0.5, 9.0]},
+        "ground": {"profile": {"at": [1.0, 2.0], "friction": [1.0, 0.2]}},
+        "drive": {"times": [0.0, 1.0], "actuation": [[0.5], [1.0]]},
+    }
+    run = simulate(Scene.model_validate(data))
+    assert not run.unique
+    assert run.displacement[-1] == pytest.approx([0.0, 0.5 / (1.0 - 0.4)], abs=1e-15)  # the first contact rests
+
+
+def test_a_jump_that_more_than_one_contact_can_begin_is_not_unique():
+    profile = {"at": [-2.625, 3.5, 3.625], "friction": [1.125, 1.5, 1.25]}
+    rows = [[0.0, 0.0], [0.125, -0.875], [-1.375, -0.5], [0.75, 0.875]]
+    data = {"name": "three", "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [3.0, 2.875]}}}
+    data |= {"friction": {"forward": [0.625, 0.5, 0.75], "backward": [1.75, 1.0, 0.25]}}
+    data |= {"ground": {"profile": profile}, "drive": {"times": [0, 1, 2, 3], "actuation": rows}}
+    run = simulate(Scene.model_validate(data))
+    assert [jump.contact for jump in run.jumps] == [2]
+    assert not run.unique
+
+
+@pytest.mark.parametrize("kind", [CHAIN, GRAPH])
+def test_gradual_ground_is_the_limit_of_many_patches(kind):
+    driven = Drawn(f"{kind} on gradual ground", 5).driven()
+    profile = driven.data["ground"]["profile"]
+    exact, wrong = driven.run("exact")[0], []
+    for count in (40, 640):
+        edges = np.linspace(profile["at"][0], profile["at"][-1], count + 1)
+        ends = [profile["at"][0] - 100.0, *edges.tolist(), profile["at"][-1] + 100.0]
+        patches = []
+        for start, stop in itertools.pairwise(ends):
+            middle = 0.5 * (start + stop)
+            sides = {side: float(np.interp(middle, profile["at"], row)) for side, row in profile["friction"].items()}
+            sine = np.interp(middle, profile["at"], np.sin(np.radians(profile["slope"])))
+            patches.append({"from": start, "to": stop, "slope": float(np.degrees(np.arcsin(sine)))} | sides)
+        data = driven.data | {"ground": {"patches": patches}}
+        found = type(driven)(data, driven.rows).run("exact")[0]
+        wrong.append(np.abs(found - exact).max())
+    assert wrong[0] < 0.1
+    assert wrong[1] < max(0.2 * wrong[0], 1e-12)
+
+
+@pytest.mark.parametrize("kind", ON_GRADUAL_GROUND)
+@pytest.mark.parametrize("seed", range(12))
+def test_neither_the_view_nor_the_place_nor_the_parts_of_ramps_matter(kind, seed):
+    body = Drawn(kind, seed, ties=bool(seed & 2), bare=bool(seed & 4))
+    driven = body.driven()
+    here, steps = driven.run("exact")
+    for step in steps:
+        assert step.unsolved == step.overspent == 0
+        assert step.certificate.violation < 1e-11
+        assert abs(step.certificate.energy_residual) < 1e-11
+    turned, others = body.driven(mirrored=True).run("exact")
+    split, parts = driven.run("exact", 3)
+    sure = all(step.unique for step in (*steps, *others, *parts))
+    assert all(step.unique for step in steps) == all(step.unique for step in others) == sure
+    if sure:
+        for found in (-turned[:, ::-1], split, driven.moved(64.0).run("exact")[0]):
+            assert found == pytest.approx(here, abs=1e-11 * driven.extent)
+
+
+@BODIES
+def test_ground_with_a_factor_of_one_everywhere_is_plain_ground(between):
+    rows = [0.0, 0.9, -0.4, 0.7]
+    friction = {"forward": [0.3, 0.2], "backward": [0.4, 0.6]}
+    plain = two({"at": [0.0, 0.3], "friction": [1.0, 1.0]}, rows, between, friction=friction)
+    even = Scene.model_validate({key: value for key, value in plain.document().items() if key != "ground"})
+    assert simulate(plain).displacement == pytest.approx(simulate(even).displacement, abs=1e-15)
+
+
+def test_a_patch_multiplies_the_factors_of_the_profile():
+    """On the patch the spring of the ground is half as stiff; at its end, where more holds, the contact stands a while."""
+    profile = {"at": [0.0, 10.0], "friction": [0.2, 5.2]}
+    ground = {"profile": profile, "patches": [{"from": 0.21, "to": 0.28, "friction": 0.5}]}
+    run = simulate(two(profile, [0.0, 0.05, 0.1], ground=ground))
+    (jump,) = run.jumps
+    assert jump.border == 0.21
+    assert jump.distance == pytest.approx(0.5 * (0.2 + 0.5 * 0.21) / (20.0 + 0.25), abs=1e-15)
+    assert run.waypoint_displacement[1, 1] == pytest.approx((20.0 * 0.05 - 0.5 * (0.2 + 0.5 * 0.2)) / 20.25, abs=1e-15)
+    assert run.waypoint_displacement[2, 1] == pytest.approx((20.0 * 0.1 - (0.2 + 0.5 * 0.2)) / 20.5, abs=1e-15)
+
+
+def test_a_profile_of_slopes_lets_friction_be_commanded():
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}, "weights": 0.1}
+    crawler = Crawler(two({"at": [0.0, 1.0], "slope": [0.0, 5.0]}, [0.0, 0.1], body=body))
+    crawler.advance([0.1], forward=[0.5, 0.4], backward=[2.0, 2.0])
+    assert crawler.friction.tolist() == [0.5, 0.4, 2.0, 2.0]
+
+
+def test_a_command_of_friction_on_a_profile_of_friction_is_refused_and_changes_nothing():
+    crawler = Crawler(two(BELOW, [0.0, 0.1]))
+    crawler.advance([0.05])
+    before = crawler.copy()
+    with pytest.raises(
+        CommandError, match=r"friction: it changes at contact 1 from 1 N to 0\.5 N; on a ground.profile"
+    ):
+        crawler.advance([0.1], forward=[1.0, 0.5])
+    assert crawler == before
+
+
+def test_loads_are_commanded_on_gradual_ground():
+    crawler = Crawler(two(BELOW, [0.0, 0.0], loads=0.0))
+    step = crawler.advance([0.0], loads=[0.0, 1.0])  # at 0.2 m the ground holds 0.84 N, and 0.8 N/m less beyond
+    assert crawler.displacement[1] == pytest.approx((1.0 - 0.84) / (20.0 - 0.8), abs=1e-15)
+    assert abs(step.certificate.energy_residual) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("profile", "message"),
+    [
+        (
+            {"at": [0.0, 0.0], "friction": [1, 1]},
+            "ground.profile: at: 0 m follows 0 m; places must be strictly increasing",
+        ),
+        (
+            {"at": [0.0, 1.0], "friction": [1, -0.5]},
+            "ground.profile: friction: -0.5; a factor on friction must be >= 0",
+        ),
+        ({"at": [0.0, 1.0], "friction": [1.0]}, r"ground.profile: friction: 1 value\(s\) for 2 place\(s\) in `at`"),
+        (
+            {"at": [0.0, 1.0], "friction": {"forward": [1, 1], "backward": [1]}},
+            r"ground.profile: friction.backward: 1 value\(s\) for 2 place\(s\)",
+        ),
+        ({"at": [0.0], "slope": [90]}, "ground.profile: slope: 90 degrees; it must be between -90 and 90"),
+        ({"at": [0.0]}, "ground.profile: give `friction` or `slope`"),
+        ({"at": [], "friction": []}, "ground.profile: at: no places"),
+        ({"at": [0.0, "x"], "friction": [1, 1]}, "ground.profile.at.1: 'x' is not a number"),
+        (
+            {"at": [0.0, 1.0], "frction": [1, 1]},
+            "ground.profile.frction: unknown key; the nearest known key is 'friction'",
+        ),
+        ({"at": [0.0, 1.0], "slope": [0, 5]}, "body.weights: missing; the slope of a profile acts on the weight"),
+    ],
+)
+def test_mistakes_in_a_profile_are_named_in_one_line(profile, message):
+    with pytest.raises(SceneError, match=message) as error:
+        two(profile, [0.0, 0.1])
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}},
+            "ground.profile: only on",
+        ),
+        (
+            {"ground": {"profile": {"at": [0.0], "slope": [2.0]}, "slope": 1.0}},
+            "slope: 1 degrees beside `profile.slope`",
+        ),
+        (
+            {"body": {"contacts": [0.0, 0.2], "links": {"stiffness": 1.0, "tension": 2.0}}},
+            "ground.profile: with links or segments that have `curve`",
+        ),
+        (
+            {
+                "body": {"contacts": [0.0, 0.2], "links": {"stiffness": 1.0}, "weights": 1.0},
+                "friction": {"coefficient": {"isotropic": 0.5}},
+                "ground": {"profile": {"at": [0.0], "slope": [2.0]}},
+            },
+            "ground.profile.slope: a coefficient of friction acts on the cosine",
+        ),
+        (
+            {"drive": {"times": [0, 1], "actuation": [[0], [1]], "friction": {"isotropic": 1.0}}},
+            "drive.friction: on a ground.profile of friction it cannot be commanded",
+        ),
+    ],
+)
+def test_what_is_not_followed_exactly_is_refused(change, message):
+    data = two(BELOW, [0.0, 0.1]).document() | change
+    if data.get("dimension") == 2:
+        data |= {"friction": {"isotropic": 1.0}, "drive": None}
+    with pytest.raises(SceneError, match=message):
+        Scene.model_validate(data)
+
+
+def test_what_has_no_answer_on_gradual_ground_says_so():
+    scene = two(BELOW, [0.0, 0.1, 0.0])
+    with pytest.raises(CommandError, match=r"catch_up steps over the places of ground\.profile"):
+        simulate(scene, method="catch_up")
+    with pytest.raises(SceneError, match=r"two has ground\.profile; derivatives across jumps are not implemented"):
+        sensitivities(scene, ["friction.forward"])
+    with pytest.raises(SceneError, match=r"optimise: two has ground\.profile, where it is not supported"):
+        optimise(scene, "translation", stroke=(0.0, 0.1))
+
+
+def test_a_scene_with_a_profile_survives_a_round_trip():
+    scene = two({"at": [0.0, 1.0], "friction": {"forward": [1.0, 0.5], "backward": [1.0, 1.0]}}, [0.0, 0.1])
+    assert Scene.model_validate(json.loads(json.dumps(scene.document()))) == scene
