@@ -14,7 +14,13 @@ from .gradual import change_at, slopes_of
 def hold(foot, ground, stretch, side, s, p):
     """Compute the bound that a stretch of ground holds under a contact: c mu less the load, its slope's included.
 
-    Returns the commanded bound itself where the stretch is like the rest of the track.
+    Args:
+        stretch: number of the stretch.
+        side: FORWARD or BACKWARD.
+        p: place of the contact on the track [m].
+
+    Returns:
+        The bound; the commanded one itself where the stretch is like the rest of the track [N].
     """
     factor = ground.grip[0 if side == FORWARD else 1, stretch]
     if foot.follows:

@@ -22,7 +22,11 @@ _MOST_TRIALS = 2048
 
 @lean
 def is_stable(contacts, springs, model, ground, ramp, count):
-    """Determine whether a block has one solution whatever its loads are: whether K + H is positive definite on it."""
+    """Determine whether a block has one solution whatever its loads are: whether K + H is positive definite on it.
+
+    Returns:
+        Whether it is.
+    """
     if ground is None:
         return True
     return _is_stable(contacts, springs, model, ground.profile, ramp, count)
