@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from numba.core import event
@@ -46,6 +47,7 @@ class Announcer(event.Listener):
         self._kind = ""
         self._done: dict[str, int] = {}
         self._seconds: dict[str, float] = {}
+        self._loading = 0.0
         self._began = 0.0
         self._writing = threading.Lock()
 
@@ -90,14 +92,26 @@ class Announcer(event.Listener):
                 self._kind = ""
                 self._put("")
 
+    @contextlib.contextmanager
+    def loading(self) -> Iterator[None]:
+        """Measure how long a kernel is loaded; numba holds a lock.
+
+        Yields:
+            Nothing: the kernel is loaded meanwhile.
+        """
+        began = time.monotonic()
+        yield
+        if not self._kind:  # else it is loaded for one that is compiled
+            self._loading += time.monotonic() - began
+
     def spent(self) -> float:
-        """Measure for how long kernels have been compiled in this process.
+        """Measure for how long kernels have been compiled or loaded in this process.
 
         Returns:
             The time [s].
         """
         with self._writing:
-            return sum(self._seconds.values()) + (time.monotonic() - self._began if self._kind else 0.0)
+            return self._loading + sum(self._seconds.values()) + (time.monotonic() - self._began if self._kind else 0.0)
 
     def _refresh(self, began: float) -> None:
         """Keep the text up to date: the last step of a large function takes many seconds."""

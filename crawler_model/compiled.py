@@ -95,7 +95,7 @@ def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
         dispatcher._compiler.fold_argument_types = _with_plain_integers(dispatcher._compiler.fold_argument_types)
         # RuntimeError: "no locator available": it was not read from a file; AttributeError: another version of numba
         with contextlib.suppress(RuntimeError, AttributeError):
-            dispatcher._cache = KernelCache(function)
+            dispatcher._cache = KernelCache(function, announcer.loading)
     return dispatcher
 
 
@@ -141,7 +141,7 @@ event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]
 
 
 def clock() -> float:
-    """Read a clock that stops while kernels are compiled, which takes longer than most time limits.
+    """Read a clock that stops while kernels are compiled or loaded, which takes longer than most time limits.
 
     Returns:
         The time [s].

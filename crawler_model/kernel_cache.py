@@ -130,13 +130,17 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Implementation
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(
+        self, function: Callable[..., Any], measure: Callable[[], contextlib.AbstractContextManager[Any]]
+    ) -> None:
         """Locate the cache of a kernel.
 
         Args:
             function: the kernel.
+            measure: what measures how long loading it takes.
         """
         super().__init__(function)  # type: ignore[no-untyped-call]
+        self._measure = measure
         self._cache_file = _Files(
             self._cache_path,
             self._impl.filename_base,
@@ -156,7 +160,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         if not hasattr(self, "_load_overload"):  # another version of numba
             return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         rtsys.initialize(target_context)
-        with contextlib.suppress(Exception):  # as of a module that is no longer there: whatever it is, compile again
+        # an error, as of a module that is no longer there, whatever it is: compile again
+        with self._measure(), contextlib.suppress(Exception):
             return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         return None
 

@@ -15,6 +15,7 @@ from .goal import best_first
 from .limit import TimeLimit
 from .polish import flip, improve, improves
 from .space import Evaluator, Space
+from .starts import Starts
 
 _STALE_ROUNDS = {1: 12, 2: 4}
 """Rounds without a better gait after which the search ends, by the dimension of the body: in the plane one of each
@@ -32,10 +33,6 @@ _TRIED = 8
 """Changed or mixed optima; the best one begins a local search."""
 _COARSE, _ALIKE = 1e-2, 5e-2
 """Step at which a local search ends at first, and distance within which it then leads to an optimum that is known."""
-_ALL_PATTERNS = {1: 8, 2: 0}
-"""Waypoints up to which waves of all on-off patterns are tried, by the dimension of the body."""
-_PATTERNS, _IMAGES = {1: 64, 2: 2}, {1: 256, 2: 4}
-"""How many waves of drawn patterns, and gaits that are their own images, are tried."""
 _MIRRORED = 0.25
 """How often an optimum is mixed with its own image."""
 _SAME = 1e-3
@@ -116,6 +113,7 @@ class _Search:
         self.space, self.limit, self.rounds = space, limit, min(rounds, 3 + space.size)
         self.dimension = space.scenes[0].base.dimension
         self.random = np.random.default_rng(seed)
+        self.starts = Starts(space, self.random)
         self.evaluator = Evaluator(space, None if limit.seconds is None else self.over)
         self.began = clock()
         self.progress = progress
@@ -172,9 +170,9 @@ class _Search:
     def start_anew(self, begin: list[np.ndarray]) -> None:
         """Improve the best of random points, of waves, and of gaits that are their own images."""
         for points in (
-            [*begin, *self.random_points()],
-            [*self.waves(), *self.on_off_waves(), *self.delayed_points()],
-            self.mirrored_points(),
+            [*begin, *self.starts.random_points()],
+            [*self.starts.waves(), *self.starts.on_off_waves(), *self.starts.delayed_points()],
+            self.starts.mirrored_points(),
         ):
             self.improve_best([self.space.repair(point) for point in points])
 
@@ -231,97 +229,6 @@ class _Search:
         optima = sorted([*optima, (score, point.copy())], key=lambda pair: -pair[0])
         return distinct(optima, self.space.canonical)[:_KEPT]
 
-    def random_points(self) -> list[np.ndarray]:
-        """Draw points, half of them at corners of the box."""
-        size, count = self.space.size, 32 + 4 * self.space.size
-        corners = self.random.integers(0, 2, (count // 2, size)).astype(np.float64)
-        points = [*corners, *self.random.random((count // 2, size)), *self.repeated_points(count // 2)]
-        if np.isfinite(self.space.goal.tension):  # gaits of full stroke often exceed it
-            shrunk = 0.5 ** self.random.integers(1, 5, len(points))
-            points += [0.5 + part * (point - 0.5) for part, point in zip(shrunk, points, strict=True)]
-        return points
-
-    def repeated_points(self, count: int) -> list[np.ndarray]:
-        """Draw corners that repeat within the period: a short gait several times is often the best long one."""
-        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
-        if table is None:
-            return []
-        parts = [d for d in range(2, table.waypoints) if table.waypoints % d == 0]
-        found = []
-        for part in parts:
-            for _ in range(count // len(parts)):
-                rows = self.random.integers(0, 2, (part, table.width)).astype(np.float64)
-                rows = np.tile(rows, (table.waypoints // part, 1))
-                found.append(np.concatenate((self.random.random(first), rows.ravel())))
-        return found
-
-    def waves(self) -> list[np.ndarray]:
-        """Build travelling waves along the body, smooth ones, and others that jump between the bounds."""
-        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
-        if table is None:
-            return []
-        found = []
-        time_part = np.arange(table.waypoints)[:, None] / table.waypoints
-        place = np.arange(table.width)[None] / max(table.links, 1)
-        place[:, table.links :] = (np.arange(table.width - table.links) - 0.5) / max(table.links, 1)
-        for number in (0.5, 1.0, 2.0, 3.0):
-            for sign in (1.0, -1.0):
-                lag = self.random.random()
-                angle = time_part - sign * number * place
-                angle[:, table.links :] += lag
-                wave = np.sin(2.0 * np.pi * (angle + 1e-3))
-                for rows in (0.5 + 0.5 * wave, (wave > 0.0).astype(np.float64)):
-                    keys = self.random.random(first)
-                    found.append(np.concatenate((keys, rows.ravel())))
-        return found
-
-    def on_off_waves(self) -> list[np.ndarray]:
-        """Build waves of every pattern of waypoints between the bounds, each link later than the one before."""
-        table = self.space.scenes[0].table
-        if table is None:
-            return []
-        count = table.waypoints
-        if count > _ALL_PATTERNS[self.dimension]:
-            return []
-        delays = np.arange(count)[:, None] * np.arange(table.width)
-        return [self.with_delays(pattern, row) for pattern in _patterns(count) for row in delays]
-
-    def delayed_points(self) -> list[np.ndarray]:
-        """Draw on-off patterns whose links mostly are later than the one before by one number of waypoints."""
-        table = self.space.scenes[0].table
-        if table is None:
-            return []
-        found = []
-        for _ in range(_PATTERNS[self.dimension]):
-            steps = np.full(table.width, self.random.integers(0, table.waypoints))
-            other = self.random.random(table.width) < 0.3
-            steps[other] = self.random.integers(0, table.waypoints, int(other.sum()))
-            found.append(self.with_delays(self.random.integers(0, 2, table.waypoints), np.cumsum(steps)))
-        return found
-
-    def with_delays(self, pattern: np.ndarray, delays: np.ndarray) -> np.ndarray:
-        """Build a point whose columns are one pattern, each later by its own number of waypoints; numbers are drawn."""
-        rows = pattern[(np.arange(pattern.size)[:, None] - delays) % pattern.size].astype(np.float64)
-        return np.concatenate((self.random.random(len(self.space.scenes[0].keys)), rows.ravel()))
-
-    def mirrored_points(self) -> list[np.ndarray]:
-        """Draw corners that are their own images, see `mirrored`: many of the best gaits are."""
-        count = 0 if self.space.scenes[0].table is None else _IMAGES[self.dimension]
-        corners = self.random.integers(0, 2, (count, self.space.size)).astype(np.float64)
-        return [self.mirrored(corner) for corner in corners]
-
-    def mirrored(self, point: np.ndarray) -> np.ndarray:
-        """Make a gait its own image backwards in time and from the other end of the body, about any instant."""
-        numbers, rows = self.space.scenes[0].split(point)
-        table = self.space.scenes[0].table
-        if table is None or rows is None:
-            return point
-        place = np.arange(rows.size).reshape(rows.shape)
-        image = np.hstack((place[:, : table.links][:, ::-1], place[:, table.links :][:, ::-1]))
-        image = np.roll(image[::-1], int(self.random.integers(0, len(rows))), axis=0)
-        kept = np.minimum(place, image) if self.random.random() < 0.5 else np.maximum(place, image)
-        return np.concatenate((numbers, rows.ravel()[kept.ravel()]))
-
     def parent(self) -> np.ndarray:
         """Draw one of the best points that flips do not improve, the better ones more often."""
         return self.pool[int(len(self.pool) * self.random.random() ** 2)][1].copy()
@@ -339,7 +246,7 @@ class _Search:
         """Mix two optima: some numbers, and some waypoints or some links, of one and the rest of the other.
 
         The other one begins at any waypoint, or is its image in time or along the body. Sometimes one optimum is mixed
-        with its own image instead, see `mirrored`.
+        with its own image instead, see `Starts.mirrored`.
         """
         point, other = self.parent(), self.parent()
         (numbers, rows), (more, others) = (self.space.scenes[0].split(one) for one in (point, other))
@@ -348,7 +255,7 @@ class _Search:
         if table is None or rows is None or others is None:
             return numbers
         if self.random.random() < _MIRRORED:
-            return self.mirrored(point)
+            return self.starts.mirrored(point)
         others = np.roll(others, int(self.random.integers(0, len(others))), axis=0)
         image = self.random.integers(0, 4)
         if image == 1:
@@ -387,12 +294,6 @@ class _Search:
                 point, score = points[k], float(scores[k])
             self.note(points[k], float(scores[k]))
         return point, score
-
-
-def _patterns(count: int) -> list[np.ndarray]:
-    """List all on-off patterns of a period but constant ones, each once, whatever the waypoint at which it begins."""
-    bits = [np.array(pattern) for pattern in itertools.product((0, 1), repeat=count)][1:-1]
-    return [row for row in bits if all(tuple(row) <= tuple(np.roll(row, k)) for k in range(1, count))]
 
 
 def distinct(optima: list[Scored], canonical: Callable[[np.ndarray], np.ndarray]) -> list[Scored]:

@@ -182,11 +182,15 @@ def _compile(kinds: list[Kind]) -> None:
     from crawler_model import kernel_cache
     from crawler_model.compiled import announcer
 
+    before = announcer.show, kernel_cache.report
     announcer.show = lambda text: None  # the bar of the command counts the functions of all processes
     kernel_cache.report = _refuse
-    for kind in kinds:
-        build, _ = BUILDS[kind]
-        build()
+    try:
+        for kind in kinds:
+            build, _ = BUILDS[kind]
+            build()
+    finally:  # where there is one process, it is that of the command, or of a test
+        announcer.show, kernel_cache.report = before
 
 
 def _refuse(reason: str) -> None:

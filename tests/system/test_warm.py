@@ -114,6 +114,25 @@ def test_time_limits_do_not_count_what_compiling_takes():
     errors_of(code)
 
 
+def test_time_limits_do_not_count_what_loading_takes():
+    """On a busy machine it took all of an `optimise --seconds 5`, which then returned a gait that does not move."""
+    errors_of("from crawler_model import Crawler, load_scene; Crawler(load_scene('two_anchor_a')).advance([0.1])")
+    code = (
+        "import time\n"
+        "from crawler_model import Crawler, load_scene\n"
+        "from crawler_model.compiled import announcer, clock\n"
+        "from crawler_model.kernel_cache import KernelCache\n"
+        "load = KernelCache._load_overload\n"
+        "KernelCache._load_overload = lambda *words: time.sleep(0.05) or load(*words)\n"
+        "crawler = Crawler(load_scene('two_anchor_a'))\n"
+        "begin, began = clock(), time.monotonic()\n"
+        "crawler.advance([0.1])\n"
+        "passed, took = clock() - begin, time.monotonic() - began\n"
+        "assert 0.0 <= passed <= took - 0.05 and not announcer._done, (passed, took)"
+    )
+    errors_of(code)
+
+
 @pytest.mark.parametrize(("index", "shape"), [("i", 6), ("i, 0", (6, 1))])
 def test_no_index_counts_from_the_end(index, shape):
     """A kernel reads what precedes the view in memory; one that checks its indices refuses to."""
@@ -163,4 +182,4 @@ def test_what_is_expected_is_about_what_is_compiled(tmp_path):
 def test_the_cache_is_measured_by_the_cost_of_its_functions():
     count, seconds = measure_compiled()
     assert count > 100
-    assert 0.1 * count <= seconds <= 0.5 * count
+    assert 0.05 * count <= seconds <= 0.5 * count

@@ -17,6 +17,7 @@ from crawler_lab.optimise.optimise import build_space
 from crawler_lab.optimise.request import Request
 from crawler_lab.optimise.search import _STALE_ROUNDS, _Search, search
 from crawler_lab.optimise.space import Space
+from crawler_lab.optimise.starts import Starts
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 pytest.importorskip("cma")
@@ -293,8 +294,8 @@ def test_a_mixed_gait_takes_whole_waypoints_or_whole_links_of_two_optima():
 
 
 def test_mirrored_gaits_are_their_own_images_backwards_in_time_and_from_the_other_end():
-    run = _Search(space_of(chain(4), stroke=(0.0, 0.1), waypoints=5), 0, TimeLimit(0.0, None), None, None)
-    for point in (run.mirrored(np.arange(15.0)), *run.mirrored_points()[:8]):
+    starts = Starts(space_of(chain(4), stroke=(0.0, 0.1), waypoints=5), np.random.default_rng(0))
+    for point in (starts.mirrored(np.arange(15.0)), *starts.mirrored_points()[:8]):
         rows = point.reshape(5, 3)
         images = [np.roll(rows[::-1, ::-1], k, axis=0) for k in range(5)]
         assert any(np.array_equal(rows, image) for image in images)
@@ -302,8 +303,8 @@ def test_mirrored_gaits_are_their_own_images_backwards_in_time_and_from_the_othe
 
 def test_waves_of_all_patterns_are_tried():
     """Two links and four waypoints: four patterns differ by more than their beginning, and one repeats after two."""
-    run = _Search(space_of(chain(3), stroke=(0.0, 0.1), waypoints=4), 0, TimeLimit(0.0, None), None, None)
-    waves = np.array(run.on_off_waves()).reshape(-1, 4, 2)
+    starts = Starts(space_of(chain(3), stroke=(0.0, 0.1), waypoints=4), np.random.default_rng(0))
+    waves = np.array(starts.on_off_waves()).reshape(-1, 4, 2)
     assert all(any(np.array_equal(np.roll(one, k), other) for k in range(4)) for one, other in waves.transpose(0, 2, 1))
     gaits = {max(np.roll(rows, k, axis=0).tobytes() for k in range(4)) for rows in waves}
     assert len(gaits) == 3 * 4 + 2

@@ -55,6 +55,10 @@ def _find_piece(pieces, p, length, direction):
 def near_of(z, length, ramp):
     """Find how far from a knot a bent spring may be at it, but for the rounding of displacements.
 
+    Args:
+        z: elongation [m].
+        length: commanded length [m].
+
     Returns:
         The distance [m].
     """
