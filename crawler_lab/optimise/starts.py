@@ -23,11 +23,20 @@ class Starts:
     """
 
     def __init__(self, space: Space, random: np.random.Generator) -> None:
-        """Store the space and the generator."""
+        """Store the space and the generator.
+
+        Args:
+            space: the unknowns and their bounds.
+            random: the generator, which the search shares.
+        """
         self.space, self.random = space, random
 
     def random_points(self) -> list[np.ndarray]:
-        """Draw points, half of them at corners of the box."""
+        """Draw points, half of them at corners of the box.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         size, count = self.space.size, 32 + 4 * self.space.size
         corners = self.random.integers(0, 2, (count // 2, size)).astype(np.float64)
         points = [*corners, *self.random.random((count // 2, size)), *self.repeated_points(count // 2)]
@@ -37,7 +46,14 @@ class Starts:
         return points
 
     def repeated_points(self, count: int) -> list[np.ndarray]:
-        """Draw corners that repeat within the period: a short gait several times is often the best long one."""
+        """Draw corners that repeat within the period: a short gait several times is often the best long one.
+
+        Args:
+            count: about how many.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
         if table is None:
             return []
@@ -51,7 +67,11 @@ class Starts:
         return found
 
     def waves(self) -> list[np.ndarray]:
-        """Build travelling waves along the body, smooth ones, and others that jump between the bounds."""
+        """Build travelling waves along the body, smooth ones, and others that jump between the bounds.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
         if table is None:
             return []
@@ -71,7 +91,11 @@ class Starts:
         return found
 
     def on_off_waves(self) -> list[np.ndarray]:
-        """Build waves of every pattern of waypoints between the bounds, each link later than the one before."""
+        """Build waves of every pattern of waypoints between the bounds, each link later than the one before.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         table = self.space.scenes[0].table
         if table is None:
             return []
@@ -82,7 +106,11 @@ class Starts:
         return [self.with_delays(pattern, row) for pattern in _patterns(count) for row in delays]
 
     def delayed_points(self) -> list[np.ndarray]:
-        """Draw on-off patterns whose links mostly are later than the one before by one number of waypoints."""
+        """Draw on-off patterns whose links mostly are later than the one before by one number of waypoints.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         table = self.space.scenes[0].table
         if table is None:
             return []
@@ -95,18 +123,37 @@ class Starts:
         return found
 
     def with_delays(self, pattern: np.ndarray, delays: np.ndarray) -> np.ndarray:
-        """Build a point whose columns are one pattern, each later by its own number of waypoints; numbers are drawn."""
+        """Build a point whose columns are one pattern, each later by its own number of waypoints; numbers are drawn.
+
+        Args:
+            pattern: on or off at each waypoint, shape (K,).
+            delays: of each column, in waypoints, shape (W,).
+
+        Returns:
+            The point, shape (P,) [1].
+        """
         rows = pattern[(np.arange(pattern.size)[:, None] - delays) % pattern.size].astype(np.float64)
         return np.concatenate((self.random.random(len(self.space.scenes[0].keys)), rows.ravel()))
 
     def mirrored_points(self) -> list[np.ndarray]:
-        """Draw corners that are their own images, see `mirrored`: many of the best gaits are."""
+        """Draw corners that are their own images, see `mirrored`: many of the best gaits are.
+
+        Returns:
+            The points, each of shape (P,) [1].
+        """
         count = 0 if self.space.scenes[0].table is None else _IMAGES[self.space.scenes[0].base.dimension]
         corners = self.random.integers(0, 2, (count, self.space.size)).astype(np.float64)
         return [self.mirrored(corner) for corner in corners]
 
     def mirrored(self, point: np.ndarray) -> np.ndarray:
-        """Make a gait its own image backwards in time and from the other end of the body, about any instant."""
+        """Make a gait its own image backwards in time and from the other end of the body, about any instant.
+
+        Args:
+            point: shape (P,) [1].
+
+        Returns:
+            The point, shape (P,) [1].
+        """
         numbers, rows = self.space.scenes[0].split(point)
         table = self.space.scenes[0].table
         if table is None or rows is None:
