@@ -178,7 +178,7 @@ class _Search:
 
     def improve_best(self, points: list[np.ndarray]) -> None:
         """Flip the best of some points, and search locally from the best of these."""
-        if not points or self.over():
+        if not points or (np.isfinite(self.found.score) and self.over()):  # some gait is run whatever the time
             return
         scores = self.evaluator.scores(points)
         flipped = []

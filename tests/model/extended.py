@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 RECORDS = "crawler_model.motion.line.records"
+WIDENED = (RECORDS, "crawler_model.motion.line.springs.records")
 
 
 def follow(kind: str, seed: int, ratio: float, rounds: int, method: str) -> dict[str, Any]:
@@ -64,11 +65,12 @@ def follow_extended(*args: Any) -> dict[str, Any]:
 
 def _widen() -> None:
     """Declare the numbers of all records with 80 bits, before kernels are imported."""
-    spec = importlib.util.find_spec(RECORDS)
-    assert spec is not None
-    source = spec.loader.get_source(RECORDS)  # type: ignore[union-attr]
-    sys.modules[RECORDS] = module = importlib.util.module_from_spec(spec)
-    exec(source.replace("np.float64", "np.longdouble"), module.__dict__)
+    for name in WIDENED:
+        spec = importlib.util.find_spec(name)
+        assert spec is not None
+        source = spec.loader.get_source(name)  # type: ignore[union-attr]
+        sys.modules[name] = module = importlib.util.module_from_spec(spec)
+        exec(source.replace("np.float64", "np.longdouble"), module.__dict__)
     count = np.bincount  # of what is reported; it takes no wider numbers
     np.bincount = lambda i, values, least: count(i, np.asarray(values, np.float64), least)  # type: ignore[assignment]
 

@@ -277,7 +277,7 @@ LIMITS = [
     ("friction_step", {}, TOW + "0.05 N backward, where it still gains 0.0775 m, none beyond"),
     ("ice", {}, TOW + "none, as the drive does not carry the body without it"),
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
-    ("hill_top", {}, "steepest slope that it holds at rest: not computed, as patches of the ground have slopes of"),
+    ("hill_top", {}, "steepest slope that it holds at rest: not computed, as parts of the ground have slopes of"),
     ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
     (
         "two_contacts_anisotropic",
