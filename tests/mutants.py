@@ -159,7 +159,8 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
             elif status in (1, 2) and failed and "KeyboardInterrupt" not in said:
                 test = failed[1]
                 if test not in sound:
-                    sound[test] = run(folder, [test], 300.0, way)[0] in (0, 5)
+                    own = {k: v for k, v in way.items() if k != "NUMBA_CACHE_DIR"}  # not the mutant's kernels
+                    sound[test] = run(folder, [test], 300.0, own)[0] in (0, 5)
                 if sound[test]:
                     fate, mutant.test = "killed", test
                 unsound.append(f"--deselect={test}")
