@@ -96,7 +96,7 @@ def leave_border(c, ground, ramp, i):
 
 @lean
 def _hold_beyond(foot, ground, coming, s):
-    """Compute the bound beyond a border, as `_hold`."""
+    """Compute the bound beyond a border, as `hold`."""
     p = ground.borders[border_of(foot, ground, coming)]
     if coming == AHEAD:
         return hold(foot, ground, foot.place // 2 + 1, FORWARD, s, p)

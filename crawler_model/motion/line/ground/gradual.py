@@ -14,6 +14,7 @@ from __future__ import annotations
 from ....compiled import inlined, lean
 from ..path import limit_of
 from ..records import BACKWARD, CATCH, FORWARD
+from .walls import is_given
 
 NEUTRAL = 1e-9
 """Part of a stiffness below which the sum of that of the springs and of that of the ground is none: force and bound
@@ -48,12 +49,7 @@ def is_gradual(ground):
     """
     if ground is None:
         return False
-    return _is_given(ground.profile)
-
-
-@lean
-def _is_given(profile):
-    return profile is not None
+    return is_given(ground.profile)
 
 
 @lean

@@ -34,12 +34,20 @@ def has_walls(ground):
     """
     if ground is None:
         return False
-    return _is_given(ground.walls)
+    return is_given(ground.walls)
 
 
 @lean
-def _is_given(walls):
-    return walls is not None
+def is_given(part):
+    """Determine whether the ground has one of its parts, as an argument of which numba knows that it is None.
+
+    Args:
+        part: a field of `Terrain`.
+
+    Returns:
+        Whether it has.
+    """
+    return part is not None
 
 
 @lean
