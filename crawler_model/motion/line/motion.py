@@ -241,27 +241,15 @@ class LineMotion:
         records: np.ndarray,
         pieces: np.ndarray = NO_PIECES,
     ) -> tuple[Jump, ...]:
-        """Follow straight ramps to each of the targets in turn, see `Motion`."""
-        if state.play is not None and targets.shape[0]:
-            return self._follow_led(state, scratch, targets, exact, budget, account, records, pieces)
-        return self._follow(state, scratch, targets, exact, budget, account, records, pieces)
+        """Follow straight ramps to each of the targets in turn, see `Motion`.
 
-    def _follow_led(
-        self,
-        state: LineState,
-        scratch: Scratch,
-        targets: np.ndarray,
-        exact: bool,
-        budget: int,
-        account: np.ndarray,
-        records: np.ndarray,
-        pieces: np.ndarray,
-    ) -> tuple[Jump, ...]:
-        """Follow ramps whose commands actuators follow within their backlash: in parts, between which these begin."""
-        play, at = state.play, state.actuation
-        assert play is not None
+        Ramps whose commands actuators follow within their backlash are divided where these begin to move.
+        """
+        play = state.play
+        if play is None or not targets.shape[0]:
+            return self._follow(state, scratch, targets, exact, budget, account, records, pieces)
         before = np.concatenate((state.commanded, state.bounds, state.loads))
-        rows, ramp, end = play.divide(at[play.springs], before, targets)
+        rows, ramp, end = play.divide(state.actuation[play.springs], before, targets)
         noted = np.empty((rows.shape[0] if records.shape[0] else 0, records.shape[1]))
         jumps = self._follow(state, scratch, rows, exact, budget, account, noted, pieces)
         state.led = targets[-1, play.springs].copy()
