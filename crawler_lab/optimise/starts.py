@@ -20,6 +20,8 @@ class Starts:
     Attributes:
         space: the unknowns and their bounds.
         random: the generator, which the search shares.
+        table: the shape of the drive's unknowns; None if the drive has none.
+        dimension: 1 for a body on a line, 2 in the plane.
     """
 
     def __init__(self, space: Space, random: np.random.Generator) -> None:
@@ -30,6 +32,7 @@ class Starts:
             random: the generator, which the search shares.
         """
         self.space, self.random = space, random
+        self.table, self.dimension = space.scenes[0].table, space.scenes[0].base.dimension
 
     def random_points(self) -> list[np.ndarray]:
         """Draw points, half of them at corners of the box.
@@ -54,7 +57,7 @@ class Starts:
         Returns:
             The points, each of shape (P,) [1].
         """
-        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
+        table, first = self.table, len(self.space.scenes[0].keys)
         if table is None:
             return []
         parts = [d for d in range(2, table.waypoints) if table.waypoints % d == 0]
@@ -72,7 +75,7 @@ class Starts:
         Returns:
             The points, each of shape (P,) [1].
         """
-        table, first = self.space.scenes[0].table, len(self.space.scenes[0].keys)
+        table, first = self.table, len(self.space.scenes[0].keys)
         if table is None:
             return []
         found = []
@@ -96,11 +99,11 @@ class Starts:
         Returns:
             The points, each of shape (P,) [1].
         """
-        table = self.space.scenes[0].table
+        table = self.table
         if table is None:
             return []
         count = table.waypoints
-        if count > _ALL_PATTERNS[self.space.scenes[0].base.dimension]:
+        if count > _ALL_PATTERNS[self.dimension]:
             return []
         delays = np.arange(count)[:, None] * np.arange(table.width)
         return [self.with_delays(pattern, row) for pattern in _patterns(count) for row in delays]
@@ -111,11 +114,11 @@ class Starts:
         Returns:
             The points, each of shape (P,) [1].
         """
-        table = self.space.scenes[0].table
+        table = self.table
         if table is None:
             return []
         found = []
-        for _ in range(_PATTERNS[self.space.scenes[0].base.dimension]):
+        for _ in range(_PATTERNS[self.dimension]):
             steps = np.full(table.width, self.random.integers(0, table.waypoints))
             other = self.random.random(table.width) < 0.3
             steps[other] = self.random.integers(0, table.waypoints, int(other.sum()))
@@ -141,7 +144,7 @@ class Starts:
         Returns:
             The points, each of shape (P,) [1].
         """
-        count = 0 if self.space.scenes[0].table is None else _IMAGES[self.space.scenes[0].base.dimension]
+        count = 0 if self.table is None else _IMAGES[self.dimension]
         corners = self.random.integers(0, 2, (count, self.space.size)).astype(np.float64)
         return [self.mirrored(corner) for corner in corners]
 
@@ -155,7 +158,7 @@ class Starts:
             The point, shape (P,) [1].
         """
         numbers, rows = self.space.scenes[0].split(point)
-        table = self.space.scenes[0].table
+        table = self.table
         if table is None or rows is None:
             return point
         place = np.arange(rows.size).reshape(rows.shape)
