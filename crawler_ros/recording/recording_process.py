@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import sys
 import time
@@ -53,9 +54,11 @@ def _report(text: str) -> None:
 
 
 def _write(pieces: Iterator[memoryview], bag: BagWriter) -> None:
-    """Write message records, flushing soon after the beginning and then twice a second."""
-    rest, due, trouble = b"", time.monotonic() + _FIRST_FLUSH_S, ""
+    """Write message records, flushing soon after the first ones and then twice a second."""
+    rest, due, trouble = b"", math.inf, ""
     for piece in pieces:
+        if piece and due == math.inf:  # not when the file is open: the simulator takes a while until it ticks
+            due = time.monotonic() + _FIRST_FLUSH_S
         data = memoryview(rest + piece) if rest else piece  # a record may go on at the beginning of the ring
         rest = bytes(data[bag.write_records(data) :])
         if time.monotonic() >= due:
