@@ -30,7 +30,8 @@ class Spans:
 def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate: float, steps: int, feet: int) -> Spans:
     """Compute the bounds of an observation.
 
-    A tension is bounded by the friction that can hold it, an elongation by the stroke and the tension, the way of a
+    A tension is bounded by the friction that can hold it, in loops and between walls also by the energy of the commands
+    where all contacts stand, an elongation by the stroke and the tension, the way of a
     contact in a step by what all springs together gain, and the error of a task by the way of an episode.
 
     Args:
@@ -97,7 +98,7 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     if track is not None:
         friction = friction * track.largest_factor.max()
     friction = friction + max(abs(low), abs(high)) * body.ground + weight
-    if body.is_chain:
+    if body.is_chain and (track is None or track.walls is None):
         up = np.cumsum(friction)
         return np.minimum(up[:-1], up[-1] - up[:-1]), most
     total = float(friction.sum() + held)

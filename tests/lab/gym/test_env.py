@@ -99,6 +99,17 @@ def test_tensions_are_bounded_by_the_friction_of_the_most_level_ground():
     assert observation[1] == pytest.approx(-5.0)
 
 
+def test_tensions_are_bounded_between_walls_where_friction_does_not_hold_them():
+    walls = [{"at": -0.01, "stops": "backward"}, {"at": 0.21, "stops": "forward"}]
+    drive = {"times": [0, 1, 2], "period": 2.0, "actuation": [[0.0, 0.0], [0.1, 0.1], [0.0, 0.0]]}
+    env = make(chain(friction={"forward": 0.01, "backward": 0.01}, ground={"walls": walls}, drive=drive))
+    env.reset(seed=1)
+    for _ in range(10):
+        observation, *_ = env.step(np.ones(2))
+        assert env.observation_space.contains(observation)
+    assert np.abs(observation[2:4]).min() > 1.0  # both springs push, with k (2 D - room) / 2
+
+
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_same_seed_same_bits(kind):
     options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
