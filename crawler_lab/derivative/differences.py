@@ -1,4 +1,4 @@
-"""Derivatives of bodies that remember their path, as springs with hysteresis and actuators with backlash do.
+"""Derivatives of bodies that remember their path, and on ground that differs from place to place.
 
 They are central differences of runs. These are exact to rounding, and smooth but for kinks, so that the steps can be
 so small that their squares are rounding, too. The differences to both sides tell whether there is a kink between them.
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.crawler.crawler import Crawler
-from crawler_model.errors import SceneError
+from crawler_model.errors import CommandError, SceneError
 from crawler_model.motion.state import SPENT
 from crawler_model.run.account import average_displacement
 from crawler_model.scene.scene import Scene
@@ -133,7 +133,7 @@ def _find_side(
         return np.zeros(here.flat(here.gains.size).size)
     try:
         there = _run(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0], tick_ns)
-    except SceneError:
+    except (SceneError, CommandError):
         return None
     periods = here.gains.size
     return None if there.gains.size < periods else (there.flat(periods) - here.flat(periods)) / step

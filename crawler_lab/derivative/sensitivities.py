@@ -72,10 +72,10 @@ class Sensitivities:
         work: derivatives of the work of the actuators in the whole run, shape (P,).
         period_work: derivatives of that work in each whole period, shape (periods, P).
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
-            derivative, or none as a relaxed start jumps there, bool, shape (P,).
+            derivative, or none as a relaxed start or a contact jumps there, bool, shape (P,).
         kinks: where they are.
-        tolerance: on a line 0, as derivatives are exact but for rounding; of bodies with hysteresis or backlash by how
-            much differences to both sides differ, where they are not one-sided; of segments a bound of the error of the
+        tolerance: on a line 0, as derivatives are exact but for rounding; where they are differences of runs, by how
+            much those to both sides differ, where they are not one-sided; of segments a bound of the error of the
             net translation's derivatives that are not in `unresolved`, in the plane of the displacement's derivatives
             that are not one-sided, relative to the largest one with respect to the same parameter; NaN where there are
             none [1].
@@ -133,8 +133,8 @@ def sensitivities(
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative follows the path
     with the events in the order in which they are met. In the plane, where paths are curved, the path is followed to
     1e-8, and differentiated by the matrices of its implicit steps; `tolerance` is the difference to the derivatives of
-    a path that is followed to 1e-7. Bodies with hysteresis or backlash have central differences of runs;
-    `tolerance` is by how much the differences to both sides differ.
+    a path that is followed to 1e-7. Bodies with hysteresis or backlash, and ground with patches, a profile or walls,
+    have central differences of runs; `tolerance` is by how much the differences to both sides differ.
 
     A waypoint's derivatives are taken at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
@@ -150,8 +150,8 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number of the scene, if it has no drive, has patches of ground, or
-            segments with hysteresis or backlash.
+        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or segments beside
+            hysteresis, backlash, or ground with patches, a profile or walls.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
@@ -170,7 +170,7 @@ def sensitivities(
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
-    if scene.body.memory:
+    if scene.can_be_differenced:
         return _differentiate_by_runs(scene, keys, tick_ns)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     if scene.dimension == 1:
@@ -186,7 +186,7 @@ def sensitivities(
 
 
 def _differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray) -> Sensitivities:
-    """Differentiate a run of a body that remembers its path."""
+    """Differentiate a run of a body on a line without exact derivatives."""
     found = differentiate_by_runs(scene, keys, tick_ns)
     return Sensitivities(
         parameters=found.names,
@@ -312,33 +312,14 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, or patches of ground or walls, or segments and a memory.
+        SceneError: if it has no drive, or segments beside a memory or ground that differs from place to place.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
-    if scene.ground.track is not None:
-        what = "across jumps" if scene.ground.track.borders.size else "of paths that end at walls"
-        raise SceneError(f"{caller}: {scene.name} has {scene.ground.track.key}; derivatives {what} are not implemented")
-    if scene.body.memory and scene.body.segments:
+    if scene.dimension == 1 and not (scene.has_exact_derivatives or scene.can_be_differenced):
         raise SceneError(
-            f"{caller}: {scene.name} has {scene.body.memory} and segments, of which differences of runs on one grid "
-            "are no derivatives: `crawler sweep` varies their numbers"
-        )
-
-
-def refuse_profile(scene: Scene, caller: str) -> None:
-    """Refuse a scene whose ground changes gradually.
-
-    Args:
-        scene: the scene.
-        caller: name of the function, for error messages.
-
-    Raises:
-        SceneError: if it has a profile.
-    """
-    if scene.ground.track is not None and scene.ground.track.profile is not None:
-        raise SceneError(
-            f"{caller}: {scene.name} has ground.profile, where it is not supported; use ground.patches instead"
+            f"{caller}: {scene.name} {scene.inexact} and segments, of which differences of runs on one grid are no "
+            "derivatives: `crawler sweep` varies their numbers"
         )
 
 

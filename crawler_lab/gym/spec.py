@@ -17,7 +17,6 @@ from crawler_model.run.transport import supporting_force
 from crawler_model.scene.file import coerce_scene
 from crawler_ros.wire.states import shown_contacts
 
-from ..derivative.sensitivities import refuse_profile
 from ..sweep.keys import with_loads
 from .actions import Actions, build_actions
 from .bounds import Spans, find_spans
@@ -136,7 +135,6 @@ def build_spec(
     check_number("stroke_time", stroke_time, "s")
     check_number("price", price, "1", least=0.0)
     loaded = _with_loads(given, ranges)
-    refuse_profile(loaded, "environment")
     if loaded.body.shares_contacts:
         raise CrawlerError(
             f"{loaded.name}: parts of its body touch, and environments have one command for each contact; leave a gap "

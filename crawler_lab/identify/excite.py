@@ -144,9 +144,9 @@ def excite(
     for name, number in numbers.items():
         if not (math.isfinite(number) and number > 0.0):
             raise CrawlerError(f"excite: {name}: {number:g}; it must be > 0")
-    if not (scene.has_exact_derivatives or scene.can_be_differenced):
+    if scene.dimension == 2:
         raise CrawlerError(
-            f"excite: {scene.name} {scene.inexact}, where paths have no exact derivatives; record any drive in which "
+            f"excite: {scene.name} is in the plane, where paths have no exact derivatives; record any drive in which "
             "all contacts slide, and identify fits it"
         )
     if duration < _AT_ONCE * every or duration * rate > 1e6:

@@ -13,7 +13,7 @@ from crawler_model.errors import CrawlerError
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
-from ..derivative.sensitivities import check_differentiable, refuse_profile
+from ..derivative.sensitivities import check_differentiable
 from ..sweep.keys import expand_keys
 from .fit.fit import AGREE, Fit, find_fit, fit_from
 from .fit.minima import average_derivatives, explore_minima
@@ -106,7 +106,6 @@ def identify(
     sensor = Sensor() if sensor is None else sensor
     checked = [check_measurements(scene, m) for m in recordings]
     base = replay_scene(scene, checked[0])
-    refuse_profile(base, "identify")
     if base.has_exact_derivatives:
         check_differentiable(base, "identify")
     names = expand_keys(base, keys, "identify")

@@ -15,7 +15,6 @@ from crawler_model.errors import LARGEST, CommandError, SceneError
 from crawler_model.scene.scene import Scene
 
 from ..derivative.parameters import changing_keys
-from ..derivative.sensitivities import refuse_profile
 from ..sweep.keys import expand_keys, find_path, key_steps, overlap, with_loads
 from ..sweep.vary import Variations
 from .goal import SCREW, TURNING_OBJECTIVES
@@ -99,7 +98,6 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
 def _check_kind(scene: Scene, request: Request) -> None:
     """Check a request, whose objective is a key of `OBJECTIVES`, against the kind of scene."""
     objective, target, turns = request.objective, request.target, scene.body.turning is not None
-    refuse_profile(scene, "optimise")
     if turns and objective not in TURNING_OBJECTIVES:
         names = ", ".join(TURNING_OBJECTIVES)
         raise SceneError(f"objective: {objective!r}; {scene.name} turns, so it must be one of {names}")
@@ -128,7 +126,9 @@ def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -
             raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
     if periods is not None:
         if scene.ground.track is None:
-            raise SceneError(f"periods: {scene.name} has no ground.patches, so that its periods repeat; leave it out")
+            raise SceneError(
+                f"periods: {scene.name} has one ground everywhere, so that its periods repeat; leave it out"
+            )
         if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
             raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
     if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):

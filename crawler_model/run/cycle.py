@@ -4,6 +4,9 @@ The tensions of two solutions under the same drive never move apart in the norm 
 the shape is a sweeping process), so that the tensions at the ends of periods settle. Often they repeat after a few
 periods, exactly; otherwise their difference shrinks by a ratio a period, from which the rest of the transient follows.
 
+On ground that differs from place to place a regime lasts where a body walks in place, as at a wall, and where all its
+contacts have left all borders and walls behind; before that no two periods need be equal.
+
 A period of a body that turns may displace and turn it as a whole: the positions in its own frame have to repeat, within
 the tolerance of its steps. Loads do not turn with it, so that under loads the positions about its origin have to.
 """
@@ -93,7 +96,7 @@ def limit_cycle(
     """Run a drive until its periods repeat.
 
     Args:
-        scene: a scene whose drive has a period, on ground that is the same everywhere.
+        scene: a scene whose drive has a period.
         tolerance: of the gain, relative to the largest displacement within a period [1]; of a body that turns at least
             the tolerance of its scene, within which its periods differ.
         most_periods: number of periods to run at most.
@@ -103,22 +106,27 @@ def limit_cycle(
         The periodic regime, or how far the run came.
 
     Raises:
-        CommandError: if the drive has no period, the ground has patches, or an argument is out of range.
+        CommandError: if the drive has no period, the body still comes to other ground when all periods are run, or an
+            argument is out of range.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "limit_cycle")
     drive = scene.drive
     if drive.period is None or drive.holds:
         raise CommandError(f"limit_cycle: {scene.name} has no drive with a period")
-    if scene.ground.track is not None:
-        raise CommandError(f"limit_cycle: on {scene.ground.track.key} periods differ from place to place")
     if not tolerance > 0.0:
         raise CommandError(f"limit_cycle: tolerance {tolerance:g}; it must be > 0")
     if not most_periods >= 1:
         raise CommandError(f"limit_cycle: most_periods {most_periods}; it must be at least 1")
     _, rows = drive.waypoints_between(0, round(drive.period * NS))
     targets = np.ascontiguousarray(drive.targets[rows])
-    return repeat_period(Crawler(scene), targets, tolerance, most_periods, progress)
+    found = repeat_period(Crawler(scene), targets, tolerance, most_periods, progress)
+    if scene.ground.track is not None and not found.settled:
+        raise CommandError(
+            f"limit_cycle: {scene.name} has {scene.ground.track.key}, and after {most_periods} periods it still comes "
+            "to other ground or is not settled, so that periods differ; `per_period` of simulate lists their gains"
+        )
+    return found
 
 
 def repeat_period(
@@ -143,11 +151,11 @@ def repeat_period(
     run = _Periods(crawler, targets)
     while run.count < most_periods:
         run.follow()
-        if run.transient_left() <= max(tolerance, run.error) * run.travel:
+        if run.is_settled(tolerance):
             break
         if progress is not None:
             progress(run.count / most_periods)
-    return run.finish(max(tolerance, run.error))
+    return run.finish(tolerance)
 
 
 class _Periods:
@@ -222,15 +230,29 @@ class _Periods:
         )
         return change * ratio / (1.0 - ratio)
 
+    def is_settled(self, tolerance: float) -> bool:
+        """Determine whether the gain is within the tolerance [1] of that of a regime that lasts."""
+        allowed = max(tolerance, self.error) * self.travel
+        return self.transient_left() <= allowed and self._lasts(allowed)
+
+    def _lasts(self, allowed: float) -> bool:
+        """Determine whether the ground under the body stays the same: it walks in place, or leaves all of it behind."""
+        track, gain = self.crawler.scene.ground.track, self.gains[-1]
+        if track is None or abs(gain) <= allowed:
+            return True
+        at = self.crawler.body.position + self.crawler.displacement
+        walls = np.zeros(0) if track.walls is None else track.walls.place[np.isfinite(track.walls.place)]
+        ends = np.concatenate((track.borders, walls))
+        return bool((np.sign(gain) * (at[:, None] - ends) > self.travel).all())
+
     def finish(self, tolerance: float) -> LimitCycle:
         """Build the result."""
         gain = self.gains[-1]
-        left = self.transient_left()
         return LimitCycle(
             gain=frozen(gain) if gain.ndim else float(gain),
             work=self.work,
-            transient_left=left,
-            settled=left <= tolerance * self.travel,
+            transient_left=self.transient_left(),
+            settled=self.is_settled(tolerance),
             ratio=self.ratio(),
             periods=self.count,
             gains=frozen(self.gains),

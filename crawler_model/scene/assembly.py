@@ -65,8 +65,8 @@ class Assembly:
 
     @property
     def can_be_differenced(self) -> bool:
-        """Whether differences of runs are derivatives, as of bodies on a line with hysteresis or backlash."""
-        return self.dimension == 1 and self.ground.track is None and self.body.memory != ""
+        """Whether differences of runs stand for exact derivatives: on a line, of bodies without segments."""
+        return self.dimension == 1 and self.inexact != "" and not self.body.segments
 
     @property
     def inexact(self) -> str:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_lab import optimise, sensitivities
 from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
 
 from .bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
@@ -280,10 +279,6 @@ def test_what_has_no_answer_on_gradual_ground_says_so():
     scene = two(BELOW, [0.0, 0.1, 0.0])
     with pytest.raises(CommandError, match=r"catch_up steps over the places of ground\.profile"):
         simulate(scene, method="catch_up")
-    with pytest.raises(SceneError, match=r"two has ground\.profile; derivatives across jumps are not implemented"):
-        sensitivities(scene, ["friction.forward"])
-    with pytest.raises(SceneError, match=r"optimise: two has ground\.profile, where it is not supported"):
-        optimise(scene, "translation", stroke=(0.0, 0.1))
 
 
 def test_a_scene_with_a_profile_survives_a_round_trip():

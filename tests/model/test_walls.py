@@ -7,14 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from crawler_lab import sensitivities
 from crawler_model import (
     CommandError,
     Crawler,
     Scene,
     SceneError,
     largest_tow,
-    limit_cycle,
     load_scene,
     simulate,
 )
@@ -203,12 +201,8 @@ def test_what_is_not_available_between_walls_is_refused_with_the_reason():
     scene = load_scene("wall_pusher")
     with pytest.raises(CommandError, match=r"method: catch_up steps through ground.walls instead of stopping at them"):
         Crawler(scene, "catch_up")
-    with pytest.raises(CommandError, match=r"limit_cycle: on ground.walls periods differ"):
-        limit_cycle(scene)
     with pytest.raises(CommandError, match=r"largest_tow: wall_pusher has ground.walls, which end its travel"):
         largest_tow(scene)
-    with pytest.raises(SceneError, match=r"wall_pusher has ground.walls; derivatives of paths that end at walls"):
-        sensitivities(scene, ["body.links.stiffness"])
     plane = {"name": "plane", "dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1.0}}}
     plane |= {"friction": {"isotropic": 1.0}, "ground": {"walls": [{"at": 2.0, "stops": "forward"}]}}
     with pytest.raises(SceneError, match=r"ground.walls: only on a line; in the plane paths are followed in steps"):

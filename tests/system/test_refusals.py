@@ -10,12 +10,11 @@ import pytest
 from crawler_lab import Posterior, excite, identify, optimise, pareto, predict, sensitivities, vary
 from crawler_lab.identify.measurements import MeasurementError, Measurements
 from crawler_lab.play.session import Session
-from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError, limit_cycle
+from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError
 from crawler_model.theory.stasis import StasisDomain, stasis_polygon
 
 PAIR = {"name": "pair", "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}, "friction": {"isotropic": 1.0}}
 DRIVE = {"drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [1], [0]]}}
-PATCHED = DRIVE | {"ground": {"patches": [{"from": 2, "to": 3, "friction": 2}]}}
 FLAT = {"dimension": 2, "body": {"contacts": [[0, 0], [1, 0]], "links": {"stiffness": 1}}}
 ONES = np.ones(4)
 
@@ -80,23 +79,13 @@ REFUSED = [
     ),
     (lambda: StasisDomain(ONES, ONES).vertices(), ValueError, "4 contacts: the domain has dimension 3; vertices are"),
     (lambda: stasis_polygon(ONES, ONES), ValueError, "shapes (4,) and (4,); a polygon needs three contacts"),
-    (lambda: limit_cycle(pair(**PATCHED)), CommandError, "on ground.patches periods differ from place to place"),
-    (
-        lambda: sensitivities(pair(**PATCHED), ["friction.isotropic"]),
-        SceneError,
-        "pair has ground.patches; derivatives",
-    ),
     (lambda: sensitivities(pair(**DRIVE), [3]), SceneError, "sensitivities: 3; a key is a string, for example"),
     (
         lambda: vary(pair(), {"friction.isotropic": [1.0] * 10_000, "body.links.stiffness": [1.0] * 1001}, grid=True),
         SceneError,
         "vary: 10000 x 1001 = 10010000 variations; at most 10000000",
     ),
-    (
-        lambda: excite(pair(**PATCHED), ["friction.isotropic"]),
-        CrawlerError,
-        "pair has ground.patches, where paths have",
-    ),
+    (lambda: excite(pair(**FLAT), ["friction.isotropic"]), CrawlerError, "excite: pair is in the plane, where paths"),
     (
         lambda: identify(pair(), [gap()], ["friction.isotropic"]),
         MeasurementError,
@@ -116,7 +105,7 @@ REFUSED = [
     (
         lambda: optimise(pair(**DRIVE), periods=3),
         SceneError,
-        "periods: pair has no ground.patches, so that its periods",
+        "periods: pair has one ground everywhere, so that its periods",
     ),
     (lambda: optimise(pair(**DRIVE), "turn"), SceneError, "pair does not turn, as it has no `springs: length`"),
     (lambda: optimise(linked({"passive": {"stiffness": 1}})), SceneError, "are all passive; no command moves it"),

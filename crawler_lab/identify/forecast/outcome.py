@@ -84,7 +84,8 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
     Args:
         scene: the body with the drive.
         names: the parameters.
-        periods: number of periods of the run; without a period, the run is the whole drive.
+        periods: number of periods of the run, whose mean counts on ground that differs from place to place; without a
+            period, the run is the whole drive.
         rate: samples of the positions per second [Hz].
 
     Returns:
@@ -102,8 +103,10 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
         jacobian[3] = slopes.work
         jacobian[TOTALS:] = slopes.displacement.reshape(-1, count)
     regime, jacobian[:2], left = totals, jacobian[2:TOTALS], 0.0
-    if period is not None:
+    if period is not None and scene.ground.track is None:
         regime, jacobian[:2], left = _find_regime(scene, names)
+    elif period is not None:
+        regime, jacobian[:2] = [total / periods for total in totals], jacobian[2:TOTALS] / periods
     results = np.concatenate((regime, totals, position.ravel()))
     size = max(float(np.ptp(run.displacement)), 1e-300), max(float(np.abs(run.energies.work).sum()), 1e-300)
     values = np.zeros(0) if slopes is None else slopes.values

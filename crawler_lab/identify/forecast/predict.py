@@ -81,7 +81,8 @@ class Forecast:
 
     Attributes:
         scene: the body with the best values, and the drive.
-        gain: net translation in a period of the limit cycle, or without a period in the whole drive [m].
+        gain: net translation in a period of the limit cycle, on ground that differs from place to place in the mean
+            period of the run, or without a period in the whole drive [m].
         energy: work of the actuators in the same time [J].
         periods: number of periods of the run; None for the whole drive.
         run_gain: net translation in the run [m].
@@ -92,7 +93,7 @@ class Forecast:
         high: upper ends, shape (T, N) [m].
         depends_on_bounds: parameters that are only bounded, and on which the motion depends.
         notes: what else limits the prediction, one line each.
-        transient_left: estimate of how far `gain` is from the limit cycle's [m]; 0 without a period.
+        transient_left: estimate of how far `gain` is from the limit cycle's [m]; 0 without a limit cycle.
         inertia: the inertia number of the drive; None for a scene without masses and weights.
     """
 
@@ -201,11 +202,9 @@ def predict(
     scene = coerce_scene(scene, "predict")
     posterior, fitted = _apply(posterior, scene)
     played = _with_drive(fitted, drive, posterior.gain)
-    if not (played.has_exact_derivatives or played.can_be_differenced):
-        raise SceneError(
-            f"predict: {played.name} {played.inexact}, where paths have no exact derivatives for bands; simulate the "
-            "scene of identify --out under the other drive"
-        )
+    if played.dimension == 2:
+        where = f"{played.name} is in the plane, where paths have no exact derivatives for bands"
+        raise SceneError(f"predict: {where}; simulate the scene of identify --out under the other drive")
     check_differentiable(played, "predict")
     period = played.drive.period
     if periods is not None and period is None:

@@ -34,6 +34,8 @@ KINDS: dict[str, tuple[Any, dict[str, Any]]] = {
     "segment": (lambda: coarse("heterogeneous_segment"), {}),
     "slope": (lambda: load_scene("slope_climber"), {"task": "climb"}),
     "patches": (lambda: load_scene("ice"), {}),
+    "profile": (lambda: chain(ground={"profile": {"at": [0.0, 0.1, 0.3], "friction": [1.0, 0.4, 3.0]}}), {}),
+    "walls": (lambda: load_scene("wall_pusher"), {}),
     "plane": (lambda: load_scene("planar_three_points"), {"direction": 0.3}),
     "reach in the plane": (lambda: load_scene("planar_three_points"), {"task": "reach", "place": [0.01, 0.0]}),
 }

@@ -1,4 +1,4 @@
-"""Identification in the plane, and on patches of ground, from differences of runs."""
+"""Identification in the plane, and on ground that differs from place to place, from differences of runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_lab import Measurements, identify
+from crawler_lab import Measurements, identify, vary
 from crawler_lab.identify.measurements import MeasurementError, channel_names
 from crawler_lab.identify.sensor.sensor import PERFECT
 from crawler_model import Scene, load_scene, simulate
@@ -16,9 +16,9 @@ from crawler_model import Scene, load_scene, simulate
 NOISE = 2e-4
 
 
-def record(name: str, seconds: float) -> Measurements:
-    """The gallery's scene under its own drive, seen at 100 Hz with noise."""
-    scene = load_scene(name)
+def record(scene: Scene | str, seconds: float) -> Measurements:
+    """A scene, or one of the gallery, under its own drive, seen at 100 Hz with noise."""
+    scene = load_scene(scene) if isinstance(scene, str) else scene
     run = simulate(scene, seconds, 100.0)
     position = (scene.body.position + run.displacement).reshape(run.time.size, -1)
     position = position + NOISE * np.random.default_rng(0).normal(size=position.shape)
@@ -66,6 +66,29 @@ def test_the_friction_of_a_patch_is_found() -> None:
     assert patch.verdict == "identified"
     assert patch.value == pytest.approx(0.25, rel=0.05)
     assert patch.interval[0] < 0.25 < patch.interval[1]
+
+
+@pytest.mark.parametrize(
+    ("keys", "truth", "guesses"),
+    [
+        (["ground.profile.friction[0]", "ground.profile.friction[1]"], [1.0, 4.0], [1.5, 3.0]),
+        (["ground.walls[0].at"], [0.42], [0.45]),
+    ],
+)
+def test_the_numbers_of_gradual_ground_and_the_place_of_a_wall_are_found(
+    keys: list[str], truth: list[float], guesses: list[float]
+) -> None:
+    profile = {"at": [0.0, 0.6], "friction": [1.0, 4.0]}
+    document = load_scene("wall_pusher").document() | {"friction": {"forward": 0.2, "backward": 0.9}}
+    document["ground"] = {"profile": profile, "walls": [{"at": 0.42, "stops": "forward"}]}
+    scene = Scene.model_validate(document)
+    first = vary(scene, {key: [value] for key, value in zip(keys, guesses, strict=True)}, grid=False)[0]
+    found = identify(first, [record(scene, 6.0)], keys, sensor=PERFECT, seconds=0.0)
+    assert found.model_fits, found.where
+    for parameter, true in zip(found.parameters, truth, strict=True):
+        assert parameter.verdict == "identified"
+        assert parameter.interval[0] < true < parameter.interval[1]
+        assert parameter.value == pytest.approx(true, rel=0.05)
 
 
 def test_a_frame_in_the_plane_has_an_offset_along_each_axis() -> None:

@@ -74,6 +74,28 @@ def test_the_first_periods_are_those_that_are_run():
     assert (found.position <= found.high).all()
 
 
+@pytest.mark.parametrize(
+    "ground",
+    [
+        {"profile": {"at": [0.0, 0.5], "friction": [1.0, 1.5]}},
+        {"walls": [{"at": 0.32, "stops": "forward"}]},
+        {"patches": [{"from": 0.25, "to": 0.3, "friction": 0.6}]},
+    ],
+    ids=["profile", "wall", "patch"],
+)
+def test_where_the_ground_differs_from_place_to_place_the_first_periods_count(ground):
+    known, scene = posterior(0.01), robot(ground=ground)
+    found = predict(scene, known, periods=3)
+    drawn = known.draw(np.random.default_rng(1), 200)
+    gains = [
+        simulate(one, 3.0).net_translation[-1]
+        for one in Variations(scene, dict(zip(NAMES, drawn.T, strict=True)), (200,))
+    ]
+    assert found.run_gain.high - found.run_gain.low == pytest.approx(width(np.array(gains)), rel=0.2)
+    assert found.gain.value == pytest.approx(simulate(scene, 3.0).per_period.mean(), abs=1e-12)
+    assert found.gain.high == pytest.approx(found.run_gain.high / 3.0)
+
+
 @pytest.mark.parametrize("least", [0.1, 0.25, 0.4])
 @pytest.mark.parametrize("beyond", [1.0, 1.7, 2.6, 8.0])
 def test_where_a_bounded_contact_slides_the_band_covers_all_that_its_bound_allows(least, beyond):

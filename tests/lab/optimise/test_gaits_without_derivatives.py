@@ -1,4 +1,4 @@
-"""Gaits in the plane, and on patches of ground."""
+"""Gaits in the plane, and on ground that differs from place to place."""
 
 from __future__ import annotations
 
@@ -116,6 +116,23 @@ def test_on_patches_the_first_periods_count():
     assert farther.value == pytest.approx(simulate(step, 10.0).per_period.mean())
 
 
+def test_on_ground_that_changes_gradually_and_before_a_wall_the_first_periods_count():
+    """The closed form of the first stroke on friction mu + a x; at the wall the rear ends where the spring rests."""
+    mu, a, k, stroke, length, q = 0.2, 0.5, 20.0, 0.1, 0.2, 1.0 / (1.0 + 0.5 / 20.0)
+    document = load_scene("wall_pusher").document()
+    document |= {"friction": {"forward": 1.0, "backward": 50.0}}
+    factors = {"forward": [mu, mu + 10.0 * a], "backward": [1.0, 1.0]}
+    walls, profile = document.pop("ground"), {"profile": {"at": [0.0, 10.0], "friction": factors}}
+    free = {"drive.actuation[1][0]": (0.0, stroke)}
+    best = optimise(Scene.model_validate(document | {"ground": profile}), free=free, periods=1)
+    front = q * (length + stroke - mu / k)
+    assert best.values == pytest.approx([stroke])
+    assert best.value == pytest.approx(0.5 * (front - length + q * (front - length - mu / k)))
+    document |= {"friction": {"forward": mu, "backward": 0.5}, "ground": walls}
+    pushing = optimise(Scene.model_validate(document), free=free, periods=7)
+    assert pushing.value == pytest.approx((0.5 - length - 0.5 * mu / k) / 7.0)
+
+
 @pytest.mark.parametrize("name", ["hill_top", "ice"])
 def test_the_gait_on_patches_is_that_of_its_scene(name):
     best = optimise(name, waypoints=3, seconds=5.0)  # in which the gait is examined, too
@@ -148,7 +165,7 @@ def test_compromises_exist_on_patches_too():
             "tension: not available for planar_rectilinear, which is in the plane",
         ),
         ("ice", {"tension": 1.0}, "tension: not available for ice, which has ground.patches; limit stroke or rate"),
-        ("planar_rectilinear", {"periods": 3}, "periods: planar_rectilinear has no ground.patches"),
+        ("planar_rectilinear", {"periods": 3}, "periods: planar_rectilinear has one ground everywhere"),
         ("ice", {"periods": 0}, "periods: 0; it must be a whole number between 1 and"),
         ("ice", {"towards": 90.0}, "towards: ice is on a line, where the gain towards +x counts"),
         ("planar_rectilinear", {"towards": math.nan}, "towards: nan; it must be an angle in degrees"),

@@ -81,11 +81,48 @@ def test_what_has_no_periodic_regime_is_refused() -> None:
     once = {**document, "drive": {"times": [0.0, 1.0], "actuation": [[0.0], [0.1]]}}
     with pytest.raises(CommandError, match="no drive with a period"):
         limit_cycle(Scene.model_validate(once))
-    patched = {**document, "ground": {"patches": [{"from": 1.0, "to": 2.0, "friction": 0.5}]}}
-    with pytest.raises(CommandError, match=r"ground\.patches"):
-        limit_cycle(Scene.model_validate(patched))
     with pytest.raises(CommandError, match="tolerance 0"):
         limit_cycle(scene, tolerance=0.0)
     for most in (0, float("nan")):
         with pytest.raises(CommandError, match=f"most_periods {most}"):
             limit_cycle(scene, most_periods=most)  # type: ignore[arg-type]
+
+
+def walker(ground: dict[str, object], backward: float = 50.0) -> Scene:
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}}
+    drive = {"times": [0.0, 1.0, 2.0], "period": 2.0, "actuation": [[0.0], [0.1], [0.0]]}
+    friction = {"forward": 0.2, "backward": backward}
+    return Scene.model_validate(
+        {"name": "walker", "body": body, "friction": friction, "ground": ground, "drive": drive}
+    )
+
+
+def test_a_body_that_has_left_all_patches_behind_has_the_regime_of_the_ground_there() -> None:
+    """D - 2 mu/k beyond 2 m; between the patches, too, two periods are equal, which is not the end."""
+    ground = {"patches": [{"from": 0.3, "to": 0.5, "friction": 0.5}, {"from": 1.5, "to": 2.0, "friction": 2.0}]}
+    found = limit_cycle(walker(ground))
+    assert found.settled
+    assert found.gain == pytest.approx(0.08, abs=1e-12)
+    assert found.gains.sum() > 2.0
+    assert np.abs(np.diff(found.gains[:20])).min() < 1e-12
+    with pytest.raises(CommandError, match=r"ground\.patches, and after 15 periods it still comes to other ground"):
+        limit_cycle(walker(ground), most_periods=15)
+
+
+def test_a_body_that_stalls_on_ground_that_holds_more_and_more_gains_nothing() -> None:
+    profile = {"at": [0.0, 10.0], "friction": {"forward": [1.0, 26.0], "backward": [1.0, 1.0]}}
+    found = limit_cycle(walker({"profile": profile}))
+    assert found.settled
+    assert abs(found.gain) < 1e-10
+    mu, a, k, stroke, length = 0.2, 0.5, 20.0, 0.1, 0.2
+    q = 1.0 / (1.0 + a / k)
+    stall = (q**2 * (length + stroke - mu / k) - q * (length + mu / k)) / (1.0 - q**2)
+    later = simulate(walker({"profile": profile}), 2.0 * found.periods, 0.5)
+    assert later.displacement[-1, 0] == pytest.approx(stall, abs=1e-8)
+
+
+def test_a_body_that_pushes_a_wall_gains_nothing() -> None:
+    found = limit_cycle(load_scene("wall_pusher"))
+    assert found.settled
+    assert abs(found.gain) < 1e-15
+    assert found.periods <= 7

@@ -1,0 +1,112 @@
+"""Derivatives on ground that differs from place to place: closed forms, exact derivatives, and steps of other sizes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from crawler_lab import sensitivities
+from crawler_model import Scene, SceneError, load_scene, simulate
+
+from ...model.bodies import CHAIN, GRAPH, Drawn
+
+K, MU, A, STROKE, LENGTH = 20.0, 0.2, 0.5, 0.1, 0.2
+
+
+def two(ground: dict[str, Any], rows: Any = (0.0, STROKE, 0.0), period: float | None = 2.0, **more: Any) -> Scene:
+    """Two contacts on one link; the rear one holds 50 N backward."""
+    scene: dict[str, Any] = {
+        "name": "two",
+        "body": {"contacts": [0.0, LENGTH], "links": {"stiffness": K}},
+        "friction": {"forward": 1.0, "backward": 50.0},
+        "ground": ground,
+        "drive": {"times": list(range(len(rows))), "period": period, "actuation": [[row] for row in rows]},
+    }
+    return Scene.model_validate(scene | more)
+
+
+def walk(k: complex, mu: complex, a: complex, stroke: complex, periods: int) -> list[complex]:
+    """The closed form: where the rear contact stands after each period on friction mu + a x."""
+    q, places = 1.0 / (1.0 + a / k), [0j]
+    for _ in range(periods):
+        front = q * (places[-1] + LENGTH + stroke - mu / k)
+        places.append(q * (front - LENGTH - mu / k))
+    return places
+
+
+def test_on_ground_that_holds_more_and_more_they_are_those_of_the_closed_form():
+    """The closed form is differentiated by an imaginary step, which has no rounding error."""
+    end, periods, step = 10.0, 5, 1e-30
+    profile = {"at": [0.0, end], "friction": {"forward": [MU, MU + end * A], "backward": [1.0, 1.0]}}
+    keys = ["body.links.stiffness", "ground.profile.friction.forward[0]", "ground.profile.friction.forward[1]"]
+    keys += ["drive.actuation[1][0]", "friction.forward", "ground.profile.at[1]"]
+    found = sensitivities(two({"profile": profile}), keys, 2.0 * periods, rate=1.0)
+    # k, mu, a and the stroke, as far as each key changes them
+    moves = [(1, 0, 0, 0), (0, 1, -1 / end, 0), (0, 0, 1 / end, 0), (0, 0, 0, 1), (0, MU, A, 0), (0, 0, -A / end, 0)]
+    for p, move in enumerate(moves):
+        values = (value + 1j * step * part for value, part in zip((K, MU, A, STROKE), move, strict=True))
+        closed = np.array(walk(*values, periods)).imag / step
+        assert found.displacement[::2, 0, p] == pytest.approx(closed, rel=1e-8)
+    assert found.differentiable
+
+
+def test_the_front_stands_at_a_wall_and_moves_with_it():
+    """A rear that the wall pushes back slides to w - L - D + B/k; one that the spring draws on stops at w - L - mu/k."""
+    held, near = 0.5, 1e-8
+    keys = [
+        "ground.walls[0].at",
+        "body.links.stiffness",
+        "friction.backward",
+        "friction.forward",
+        "drive.actuation[1][0]",
+    ]
+    found = sensitivities(load_scene("wall_pusher"), keys, 8.0, rate=2.0)
+    pushed = [1.0, -held / K**2, 1.0 / K, 0.0, -1.0]
+    drawn = [1.0, 0.2 / K**2, 0.0, -1.0 / K, 0.0]
+    assert found.displacement[-2] == pytest.approx(np.array([pushed, [1.0, 0.0, 0.0, 0.0, 0.0]]), abs=near)
+    assert found.displacement[-1] == pytest.approx(np.array([drawn, [1.0, 0.0, 0.0, 0.0, 0.0]]), abs=near)
+    assert found.per_period[-1] == pytest.approx(np.zeros(len(keys)), abs=near)
+
+
+def test_a_jump_moves_with_the_border_where_it_begins():
+    """Friction falls at the border: the contact ends where the spring balances what holds it there."""
+    ground = {"patches": [{"from": 0.22, "to": 1.0, "friction": 0.2}]}
+    keys = ["ground.patches[0].from", "ground.patches[0].friction", "friction.forward", "drive.actuation[1][0]"]
+    scene = two(ground, rows=(0.0, 0.1), period=None, friction={"forward": 0.2, "backward": 1.0})
+    found = sensitivities(scene, keys, rate=4.0)
+    assert len(simulate(scene).jumps) == 1
+    assert found.displacement[-1, 1] == pytest.approx(np.array([0.0, -0.2 / K, -0.2 / K, 1.0]), abs=1e-8)
+    assert found.differentiable
+
+
+def test_at_a_tick_at_which_a_contact_jumps_there_is_no_derivative():
+    ground = {"patches": [{"from": 0.22, "to": 1.0, "friction": 0.2}]}
+    scene = two(ground, rows=(0.0, 0.03, 0.03), period=None, friction={"forward": 0.2, "backward": 1.0})
+    found = sensitivities(scene, ["drive.actuation[1][0]", "friction.backward"], rate=1.0)
+    assert found.one_sided.tolist() == [True, False]
+    assert found.kinks[0].contacts == ("contact 1",)
+
+
+@pytest.mark.parametrize("kind", [CHAIN, GRAPH])
+@pytest.mark.parametrize("seed", range(4))
+def test_where_the_ground_changes_nothing_they_are_exact_ones(kind, seed):
+    plain = Drawn(kind, seed).driven().data
+    plain = {key: value for key, value in plain.items() if key != "ground"}
+    place = float(plain["body"]["contacts"][0])
+    level = plain | {"ground": {"profile": {"at": [place - 0.3, place + 0.4], "friction": [1.0, 1.0]}}}
+    keys = ["body.links.stiffness", "friction.forward", "drive.actuation"]
+    one, two = (sensitivities(Scene.model_validate(scene), keys, rate=3.0) for scene in (level, plain))
+    sure = ~(one.one_sided | two.one_sided)
+    assert sure.any()
+    assert one.displacement[..., sure] == pytest.approx(two.displacement[..., sure], abs=1e-6)
+
+
+def test_segments_have_none():
+    segment = {"name": "s", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 4}
+    data = two({"walls": [{"at": 2.0, "stops": "forward"}]}).document()
+    data["body"] = {"segments": [segment | {"friction": {"forward": 0.1, "backward": 0.3}}]}
+    del data["friction"]
+    with pytest.raises(SceneError, match=r"sensitivities: two has ground\.walls and segments.*sweep"):
+        sensitivities(Scene.model_validate(data), ["body.segments[0].stiffness"])
