@@ -456,9 +456,16 @@ def test_a_lag_is_a_number_of_the_sensor() -> None:
     lag = next(s for s in found.sensors if s.name == "lag")
     assert lag.verdict == "identified"
     assert lag.interval[0] < 0.06 < lag.interval[1]
-    held = identify(Scene.model_validate(document), [one], FRICTION, sensor=PERFECT, offset="frame")
+
+
+def test_a_lag_that_is_held_at_zero_explains_a_misfit() -> None:
+    document = mixed(seed=1)
+    one = measure(document, *walk(2, 6.0, 3), noise=2e-4)
+    object.__setattr__(one, "time", one.time + 0.01)
+    held = identify(Scene.model_validate(document), [one], FRICTION, sensor=PERFECT, offset="frame", seconds=0.0)
     assert not held.model_fits
-    assert any("a lag of the measurements" in e.what for e in held.explanations)
+    assert held.explanations[0].what.startswith("a lag of the measurements: +")
+    assert held.explanations[0].amount == pytest.approx(10.0, rel=0.2)  # ms
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -14,6 +14,7 @@ from crawler_lab import optimise, pareto, simulate_many
 from crawler_lab.optimise.goal import Goal
 from crawler_lab.optimise.limit import TimeLimit
 from crawler_lab.optimise.optimise import build_space
+from crawler_lab.optimise.regime import find_peak
 from crawler_lab.optimise.request import Request
 from crawler_lab.optimise.search import _STALE_ROUNDS, _Search, search
 from crawler_lab.optimise.space import Space
@@ -146,6 +147,21 @@ def test_the_largest_tension_counts_what_a_motor_can_pull():
     tight = optimise(scene, waypoints=2, stroke=(0.0, 1.0), tension=0.6, seconds=2.0)
     assert 0.0 < tight.gain <= free.gain
     assert np.abs(simulate(tight.scene, 5.0 * tight.scene.drive.period, 100.0).tension).max() <= 0.6 * (1.0 + 1e-9)
+
+
+def test_the_largest_tension_beside_stops_counts_between_the_waypoints():
+    """A link pulls at most what friction holds: the backward friction of the last contact, reached within a ramp."""
+    links = [{"stiffness": 8.5}, {"stiffness": 9.4}]
+    links[1]["passive"] = {"stops": {"shortest": -0.01, "longest": 0.06, "stiffness": 100.0}}
+    friction = {"forward": [0.26, 0.22, 0.12], "backward": [0.42, 0.44, 0.28]}
+    document = {"name": "stops", "body": {"contacts": [0, 0.1, 0.25], "links": links}, "friction": friction}
+    request = Request("translation", stroke=(-0.03, 0.1), waypoints=3)
+    unknowns, _ = build_space(Scene.model_validate(document), request)
+    values = np.array([0.05, 0.015, 0.02, 0.085, 0.0, 0.05])
+    scene = Scene.model_validate(unknowns.document(values))
+    at_waypoints = simulate(scene, 6.0 * scene.drive.period, 3.0 / scene.drive.period).tension[-3:]
+    assert np.abs(at_waypoints).max() < 0.27
+    assert find_peak(unknowns.cycle(values)) == pytest.approx(0.28, rel=1e-9)
 
 
 def test_a_rate_limits_the_stroke():

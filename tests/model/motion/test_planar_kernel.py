@@ -137,6 +137,19 @@ def test_of_many_translations_the_nearest_to_zero(friction, directions):
     np.testing.assert_allclose(velocity, [[0.5 * slip, 0.0], [-0.5 * slip, 0.0]], atol=1e-12)
 
 
+def test_translations_that_contacts_at_corners_allow_are_the_common_part_of_their_cones():
+    """Hexagons: one contact may slide between 60 and 120 degrees, the other between 120 and 180."""
+    angle = np.radians(60.0 * np.arange(6))
+    hexagon = np.stack((np.cos(angle), np.sin(angle)), 1)
+    step = Step(PAIR, np.ones(1), np.zeros((2, 2)), np.ones((2, 6)), hexagon)
+    moved = np.array([[0.0, 0.0], [-5.0, 2.0]])
+    held = step.corners()[0, 1:3]
+    velocity, unique = step._replace(force=step.laplacian @ moved + held).solve()
+    assert not unique
+    along = hexagon[1]  # the border of the first cone, on which the mean of both comes nearest to zero
+    np.testing.assert_allclose(velocity, moved - (moved.mean(0) @ along) * along, atol=1e-12)
+
+
 def test_frictionless_contacts_follow_the_others():
     force = np.array([[0.0, 0.5], [2.0, 1.0], [-2.0, -1.5]])
     step = Step(TRIANGLE[:2], np.ones(2), force, np.array([[3.0], [0.0], [0.0]]))

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, Step, simulate
+from crawler_model.compiled import compiled
+from crawler_model.motion.plane.elastic import pull, stiffen
+from crawler_model.motion.plane.motion import build_plane_motion
 
 FINE = 1e-7
 
@@ -52,6 +55,38 @@ def test_a_straight_chain_moves_as_on_the_line(angle):
         x = rotate(body.displacement, -angle)
         assert x[:, 0] == pytest.approx(exact.displacement, abs=2e-8)
         assert np.abs(x[:, 1]).max() < (1e-15 if angle == 0.0 else 1e-9)
+
+
+@compiled
+def _stiffen(frame, command, x, block):
+    part = np.empty((6, 6))
+    for k in range(frame.points.shape[0]):
+        stiffen(frame, command, x, k, part)
+        width = 6 if frame.points[k, 2] >= 0 else 4
+        for p in range(width):
+            for q in range(width):
+                block[frame.points[k, p // 2], p % 2, frame.points[k, q // 2], q % 2] += part[p, q]
+
+
+def test_the_stiffness_of_links_and_joints_is_the_derivative_of_their_forces():
+    points = np.array([[0.0, 0.0], [1.0, 0.2], [1.7, 0.9]])
+    drive = {"times": [0, 1], "actuation": [[0.0] * 3, [0.2, 0.1, 0.3]]}
+    scene = build(points, {"stiffness": 10.0}, joints=chain_of(3, 2.0), friction={"isotropic": 1.0}, drive=drive)
+    frame, command = build_plane_motion(scene).frame, scene.drive.targets[1].copy()
+    x = np.random.default_rng(0).normal(size=(3, 2)) * 0.1
+    stiffness, step = np.zeros((3, 2, 3, 2)), 1e-6
+    _stiffen(frame, command, x, stiffness)
+
+    def force(moved: np.ndarray) -> np.ndarray:
+        found = np.empty((3, 2))
+        pull(frame, command, moved, found, np.empty(3))
+        return found
+
+    for i, c in np.ndindex(3, 2):
+        away = np.zeros((3, 2))
+        away[i, c] = step
+        change = (force(x - away) - force(x + away)) / (2.0 * step)
+        np.testing.assert_allclose(stiffness[:, :, i, c], change, atol=1e-7)
 
 
 RODS = [(3, None, 1.0, 1.5), (5, None, 0.75, 7 / 3), (6, None, 0.8, 2.75), (3, (1.0, 2.5, 1.0), 0.5, 2.0)]

@@ -199,6 +199,15 @@ def test_the_visited_margin_of_a_stiff_graph_is_that_of_its_friction(exponent, m
 
 
 @pytest.mark.parametrize("method", ["exact", "catch_up"])
+def test_the_visited_margin_at_rest_is_the_sum_of_the_distances_from_the_nearest_bounds(method):
+    """A tension of 0.3 N leaves 0.5 - 0.3 N to the forward bound of one contact, 0.7 - 0.3 N to the backward one."""
+    crawler = Crawler(scene(2, 1.0, 0.5, 0.7), method)
+    step = crawler.advance([-0.3])
+    assert crawler.tension == pytest.approx([0.3], abs=1e-15)
+    assert step.visited_margin == pytest.approx((0.2 + 0.4) / 2.4, abs=1e-14)
+
+
+@pytest.mark.parametrize("method", ["exact", "catch_up"])
 def test_two_equal_isotropic_contacts_are_not_unique_and_stay_centred(method):
     crawler = Crawler(scene(2), method)
     step = crawler.advance([5.0])
