@@ -4,7 +4,7 @@ Each package gets a share that grows with the root of its size, spread evenly ov
 copy of the tree, first by the test files that are nearest to its module: by the words that their paths share, and by
 the number of imports between them; of each test by one case before the others. Its fate is one of three:
 
-* killed: a test fails that passes without the change;
+* killed: a test fails that passes without the change, or never ends;
 * survived: the nearest test files pass (`--files`), which leaves tests that are slow or were skipped;
 * undecided: the time ended first, which says nothing about the tests that were left.
 
@@ -55,6 +55,11 @@ def pytest_configure() -> None:
         seconds = int(os.environ.pop(LIMIT))
         signal.signal(signal.SIGXCPU, signal.default_int_handler)
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 30))
+
+
+def pytest_keyboard_interrupt() -> None:
+    """Print the test that was running when the time ended."""
+    print("interrupted in", os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" ")[0])
 
 
 def pytest_collection_modifyitems(items: list) -> None:
@@ -150,6 +155,7 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
         unsound, left = list[str](), list(ways)
         while left and fate != "killed":
             way, limit = left[0]
+            own = {k: v for k, v in way.items() if k != "NUMBA_CACHE_DIR"}  # without the kernels of the mutant
             path.write_bytes(changed)
             status, said = run(folder, [*unsound, *files], limit, way)
             path.write_bytes(whole)
@@ -159,14 +165,20 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
             elif status in (1, 2) and failed and "KeyboardInterrupt" not in said:
                 test = failed[1]
                 if test not in sound:
-                    own = {k: v for k, v in way.items() if k != "NUMBA_CACHE_DIR"}  # not the mutant's kernels
                     sound[test] = run(folder, [test], 300.0, own)[0] in (0, 5)
                 if sound[test]:
                     fate, mutant.test = "killed", test
                 unsound.append(f"--deselect={test}")
             else:
                 left = left[1:] if status not in (0, 5) else []
-                if status not in (0, 5) and not left:
+                hung = re.search(r"^interrupted in (tests/.*)$", said, re.M)
+                compiles = mutant.kernel and way is compiled  # which may take all of the time
+                if hung and not compiles and run(folder, [hung[1]], 0.3 * limit, own)[0] == 0:
+                    path.write_bytes(changed)
+                    if run(folder, [hung[1]], limit, way)[0] != 0:
+                        fate, mutant.test = "killed", f"{hung[1]} does not end"
+                    path.write_bytes(whole)
+                if status not in (0, 5) and not left and fate != "killed":
                     fate = "undecided"
                 if not left:
                     counts = re.findall(r"\d+ (?:passed|deselected|skipped)", said.rpartition("\n\n")[2])

@@ -14,13 +14,14 @@ pytest.importorskip("aiohttp")
 import aiohttp
 from std_msgs.msg import Float64MultiArray
 
+from crawler_lab.play.console import SLEW, open_console
 from crawler_model import Crawler, load_scene
 
 from ..lab.play.pages import browsing, complaint, next_frame, open_page
 from ..processes import wait_until
 from .graph import Graph, Process, graph
 
-SCENE = "two_contacts_anisotropic"
+SCENE, LENGTHS = "two_contacts_anisotropic", "actuation_controller/commands"
 
 
 def start(ros: Graph, scene: str = SCENE) -> str:
@@ -80,6 +81,33 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
         lengths = [row[0] for row in applied(ros)]
         assert lengths == sorted(lengths)
         assert lengths[-1] == 0.05
+
+
+def test_the_last_command_of_a_ramp_is_no_further_than_the_others(tmp_path, monkeypatch):
+    """At half the range of the slider per second, one and a half steps of a tenth of a second are two commands."""
+
+    def applied_lengths() -> list[float]:
+        return [row[0] for row in applied(ros)]
+
+    with graph(tmp_path) as ros:
+        ros.simulator(f"scene:={SCENE}", hear=("joint_states", "applied_commands"))
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(ros.domain))
+        with open_console(load_scene(SCENE), "") as console:
+
+            def is_answered() -> bool:
+                console.advance(0.1)
+                return console.received > 0 and console._publishers[LENGTHS].get_subscription_count() > 0
+
+            def is_there() -> bool:
+                console.advance(0.1)
+                return applied_lengths()[-1:] == [goal]
+
+            wait_until(is_answered, what="a robot that answers")
+            step = SLEW * 0.1 * console._ranges()[0]
+            goal = 1.5 * step
+            console.receive({"set": {"link_0": goal}})
+            wait_until(is_there, what="the end of the ramp")
+        assert applied_lengths() == pytest.approx([step, goal], rel=1e-12)
 
 
 def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
