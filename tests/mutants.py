@@ -57,11 +57,6 @@ def pytest_configure() -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 30))
 
 
-def pytest_keyboard_interrupt() -> None:
-    """Print the test that was running when the time ended."""
-    print("interrupted in", os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" ")[0])
-
-
 def pytest_collection_modifyitems(items: list) -> None:
     """Run the tests first that share words with the mutant, and of each test one case, then a second one, then all."""
     words = os.environ.pop(WORDS, "").split()
@@ -122,7 +117,7 @@ def order_tests(mutant: Mutant, graph: dict[str, set[str]], root: Path) -> list[
 
 def run(folder: Path, words: list[str], seconds: float, way: dict[str, str]) -> tuple[int, str]:
     """Run pytest for some seconds of a processor, and at most five times as long; return its status and output."""
-    command = [sys.executable, "-m", "pytest", "-p", "tests.mutants", "-p", "no:cacheprovider", "-x", "-q", "--tb=no"]
+    command = [sys.executable, "-m", "pytest", "-p", "tests.mutants", "-p", "no:cacheprovider", "-x", "-v", "--tb=no"]
     environment = os.environ | {"PYTHONPATH": str(folder), "COLUMNS": "1000", LIMIT: str(round(seconds))} | way
     with tempfile.TemporaryFile("w+") as out:
         process = subprocess.Popen(
@@ -171,7 +166,7 @@ def try_out(mutant: Mutant, folder: Path, tests: list[str], seconds: float, soun
                 unsound.append(f"--deselect={test}")
             else:
                 left = left[1:] if status not in (0, 5) else []
-                hung = re.search(r"^interrupted in (tests/.*)$", said, re.M)
+                hung = re.search(r"^(tests/\S+?::.*) $", said, re.M)  # a test without a result
                 compiles = mutant.kernel and way is compiled  # which may take all of the time
                 if hung and not compiles and run(folder, [hung[1]], 0.3 * limit, own)[0] == 0:
                     path.write_bytes(changed)

@@ -237,6 +237,14 @@ def test_error_and_energy_residual_follow_the_tolerance(friction, directions):
     assert body.account[DISSIPATION] > 0.1
 
 
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_straight_paths_are_divided_only_where_a_contact_starts_or_turns(tolerance):
+    """Three ramps; on their way contacts start at five places, and one begins to slide across a corner of its polygon."""
+    body = Rig(*CROSSED)
+    body.follow(turning_gait(3), tolerance)
+    assert body.account[EVENTS] == 3 + 5 + 1
+
+
 def test_state_is_consistent_after_a_gait():
     body = Rig(*EQUAL_SIDES)
     records = body.follow(turning_gait(), 1e-4)
