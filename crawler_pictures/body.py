@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from crawler_model import CrawlerError, Scene
 
-from .colors import ACTUATION, GREY
-from .ground import list_sections, trace_profile
+from .colors import ACTUATION, GREY, WALL
+from .ground import list_sections, list_walls, trace_profile
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,8 +28,9 @@ def draw_body(
     the reference shape plus L. As an actuator with a spring behind it, the rest length of the spring is half of that
     distance, and the length of the actuator is the other half plus L.
 
-    Patches of ground are coloured bands under the body, with their factor on friction and their slope; where there are
-    slopes, a line below shows the profile of the track.
+    Patches of ground are coloured bands under the body, with their factor on friction and their slope, and along a
+    profile the colour changes as friction does; where there are slopes, a line below shows the heights of the track.
+    Walls are bars behind the place at which contacts stand.
 
     Args:
         axis: axes to draw on: x in m, y from the ground at 0 to the body at 1, and up to 2.6; below the ground there is
@@ -82,13 +83,15 @@ def draw_length(axis: Axes, start: float, end: float, height: float, text: str) 
 
 
 def _draw_ground(axis: Axes, scene: Scene, left: float, right: float) -> None:
-    """Draw patches and slopes between two places; texts that would cover their neighbour go one row down."""
-    sections = sorted(list_sections(scene, left, right), key=lambda section: section.middle)
+    """Draw ground and walls between two places; texts that would cover their neighbour go one row down."""
+    for wall in list_walls(scene, left, right):
+        behind = wall.at + (0.02 if wall.stops == "forward" else -0.02) * (right - left)
+        axis.fill([wall.at, behind, behind, wall.at], [-0.22, -0.22, 1.4, 1.4], color=WALL, linewidth=0.0, zorder=2.5)
+    sections = list_sections(scene, left, right)
+    for start, end, color in (band for section in sections for band in section.bands):
+        axis.fill([start, end, end, start], [-0.22, -0.22, 0.0, 0.0], color=color, linewidth=0.0, zorder=0.5)
     letter, ends = 0.012 * (right - left), [-np.inf, -np.inf]
-    for section in sections:
-        if section.color is not None:
-            corners = [section.start, section.end, section.end, section.start]
-            axis.fill(corners, [-0.22, -0.22, 0.0, 0.0], color=section.color, linewidth=0.0, zorder=0.5)
+    for section in sorted(sections, key=lambda section: section.middle):
         half = 0.5 * letter * len(section.text)
         row = 0 if section.middle - half >= ends[0] else 1
         ends[row] = section.middle + half

@@ -82,7 +82,8 @@ def title(scene: Plan) -> str:
     track = scene.ground.track
     if track is not None and track.profile is not None:
         return f"stasis domain: {name}, on ground with a factor of 1"
-    return f"stasis domain: {name}" + ("" if track is None else ", on the ground outside its patches")
+    patched = track is not None and track.borders.size
+    return f"stasis domain: {name}" + (", on the ground outside its patches" if patched else "")
 
 
 def verdict(domains: Sequence[StasisDomain]) -> str:

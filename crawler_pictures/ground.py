@@ -1,4 +1,4 @@
-"""The ground of a track in pictures: the label and colour of each stretch, and the profile."""
+"""The ground of a track in pictures: the label and colours of each stretch, walls, and the profile."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ from crawler_model.body.body import Body
 from crawler_model.body.plan import Plan
 from crawler_model.run.trajectory import TimedJump
 from crawler_model.scene.friction_parts import ProfilePart
+from crawler_model.scene.parts import WallPart
 
-from .colors import JUMP, WALL
+from .colors import JUMP, WALL, rgb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _CURVE = 257
 """Points of a slope that changes along the track."""
-_SOFTER, _HARDER, _MIXED, _SLOPED = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6"
+_SOFTER, _HARDER, _MIXED, _SLOPED, _PLAIN = "#9fd0f0", "#d8b48a", "#c7b5de", "#d5dcc6", "#f4f3ee"
+_SHADES = 48
+"""Colours along a visible stretch on which friction changes."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,19 @@ class Section:
         start: where it begins [m].
         end: where it ends [m].
         text: factors on friction and slope, as "friction ×0.5, slope 10° ↗", or "friction ×1 … ×0.4" along a profile.
-        color: of its band, as "#rrggbb"; None outside patches.
+        colors: of equal parts of its band, from start to end, as "#rrggbb"; none where it has no band.
     """
 
     start: float
     end: float
     text: str
-    color: str | None
+    colors: tuple[str, ...]
+
+    @property
+    def bands(self) -> list[tuple[float, float, str]]:
+        """The parts of its band: start [m], end [m] and colour."""
+        edges = np.linspace(self.start, self.end, len(self.colors) + 1).tolist()
+        return list(zip(edges[:-1], edges[1:], self.colors, strict=True))
 
     @property
     def middle(self) -> float:
@@ -57,29 +66,43 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
         right: its right end [m].
 
     Returns:
-        The visible patches and stretches of the profile, cut at both places, then the stretch that shows the slope of
-        the track; in the plane and on plain ground none.
+        The visible stretches of the profile and patches, which lie on them, cut at both places, then the stretch that
+        shows the slope of the track; in the plane and on plain ground none.
     """
     ground = scene.parts.ground
     if ground is None:
         return []
     seen = [p for p in ground.patches if p.start < right and p.stop > left]
-    found = []
+    found = _list_profile(ground.profile, left, right)
     for patch in seen:
         forward, backward = patch.factors
         written = (f"×{forward:g}", f"×{backward:g}")
         texts = [_write_factors(*written), "" if patch.slope is None else _write_slope(patch.slope)]
-        color = _choose_color(forward, backward)
-        found.append(Section(max(patch.start, left), min(patch.stop, right), ", ".join(filter(None, texts)), color))
-    found += _list_profile(ground.profile, left, right)
+        colors = (_choose_color(forward, backward),)
+        found.append(Section(max(patch.start, left), min(patch.stop, right), ", ".join(filter(None, texts)), colors))
     if ground.slope != 0.0:
         inside = [edge for p in seen for edge in (max(p.start, left), min(p.stop, right))]
         edges = np.array([left, *inside, right])
         gaps = np.diff(edges)[::2]
         if gaps.max() > 0.0:
             longest = int(2 * gaps.argmax())
-            found.append(Section(float(edges[longest]), float(edges[longest + 1]), _write_slope(ground.slope), None))
+            found.append(Section(float(edges[longest]), float(edges[longest + 1]), _write_slope(ground.slope), ()))
     return found
+
+
+def list_walls(scene: Scene, left: float, right: float) -> list[WallPart]:
+    """List the walls between two places.
+
+    Args:
+        scene: the scene.
+        left: left end of the visible track [m].
+        right: its right end [m].
+
+    Returns:
+        The walls, in the order of the scene.
+    """
+    ground = scene.parts.ground
+    return [] if ground is None else [wall for wall in ground.walls if left <= wall.at <= right]
 
 
 def _list_profile(profile: ProfilePart | None, left: float, right: float) -> list[Section]:
@@ -88,18 +111,21 @@ def _list_profile(profile: ProfilePart | None, left: float, right: float) -> lis
         return []
     ends = [-np.inf, *profile.at, np.inf]
     slopes = (0.0,) * len(profile.at) if profile.slope is None else profile.slope
-    found = []
+    factors, found = np.array(profile.factors), []
     for j in range(len(ends) - 1):
         first, last = max(j - 1, 0), min(j, len(profile.at) - 1)
         if ends[j] >= right or ends[j + 1] <= left:
             continue
-        pairs = [(row[first], row[last]) for row in profile.factors]
-        texts = [_write_factors(*(_write_range(pair, "×") for pair in pairs))]
+        start, end = max(ends[j], left), min(ends[j + 1], right)
+        texts = [_write_factors(*(_write_range((row[first], row[last]), "×") for row in profile.factors))]
         slope = slopes[first], slopes[last]
         texts.append("" if slope == (0.0, 0.0) else f"slope {_write_range(slope)}°")
-        color = _choose_color(*(0.5 * sum(pair) for pair in pairs))
-        text = ", ".join(filter(None, texts))
-        found.append(Section(max(ends[j], left), min(ends[j + 1], right), text, color if text else None))
+        changes = (factors[:, first] != factors[:, last]).any()
+        places = start + (end - start) * (np.arange(_SHADES) + 0.5) / _SHADES if changes else [0.5 * (start + end)]
+        colors: tuple[str, ...] = (_SLOPED,) * any(texts)
+        if (factors != 1.0).any():
+            colors = tuple(_shade(factors, *(np.interp(at, profile.at, row) for row in factors)) for at in places)
+        found.append(Section(start, end, ", ".join(filter(None, texts)), colors))
     return found
 
 
@@ -158,6 +184,14 @@ def _choose_color(forward: float, backward: float) -> str:
     if least == most == 1.0:
         return _SLOPED
     return _SOFTER if most <= 1.0 else _HARDER if least >= 1.0 else _MIXED
+
+
+def _shade(factors: np.ndarray, forward: float, backward: float) -> str:
+    """Choose the colour of a place of a profile: the farther its factors are from 1, the fuller is that of a patch."""
+    largest = np.abs((factors - 1.0) / (factors + 1.0)).max()  # as far for 1/c as for c
+    part = max(abs(factor - 1.0) / (factor + 1.0) for factor in (forward, backward)) / largest
+    full, plain = np.array(rgb(_choose_color(forward, backward))), np.array(rgb(_PLAIN))
+    return "#{:02x}{:02x}{:02x}".format(*np.rint(plain + part * (full - plain)).astype(int))
 
 
 def draw_walls(axis: Axes, scene: Scene) -> None:

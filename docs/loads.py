@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURES = Path(__file__).parent / "pictures"
-CROSSED = ("ice", "friction_step", "hill_top")
-"""Scenes with patches."""
+CROSSED = ("ice", "friction_step", "hill_top", "leaving_ice")
+"""Scenes with patches or a profile."""
 STIFFNESS, STROKE = 20.0, 0.1
 """Of the two contacts of `slope_climber` [N/m, m]."""
 RATIOS = (0.8, 0.5, 0.3)
@@ -132,16 +132,17 @@ def draw_cost(axis: Axes) -> None:
 
 
 def draw_crossing(axis: Axes, name: str) -> None:
-    """Draw both contacts of a scene over the patches that they cross, with their jumps."""
+    """Draw both contacts of a scene over the ground that they cross, with their jumps."""
     run = simulate(load_scene(name), 16.0, 50.0)
     place = run.scene.body.position + run.displacement
     draw_jumps(axis, run.jumps)
     for i, color in enumerate(_COLORS[: place.shape[1]]):
         axis.plot(run.time, place[:, i], color=color, lw=1.2, label=f"contact {i}")
     for section in list_sections(run.scene, float(place.min()), float(place.max())):
-        axis.axhspan(section.start, section.end, color=section.color, alpha=0.35, lw=0)
-        height = 0.25 * section.start + 0.75 * section.end  # all walk forward: at the left no curve is there
-        axis.text(0.2, height, section.text, va="center", fontsize=8)
+        for start, end, color in section.bands:
+            axis.axhspan(start, end, color=color, alpha=0.35, lw=0)
+        height = 0.25 * section.start + 0.75 * section.end  # all walk forward, and leave the start
+        axis.text(0.2 if section.start > place[0].max() else 5.0, height, section.text, va="center", fontsize=8)
     axis.set(title=f"{name}, gains {1e3 * run.per_period[1]:.4g} .. {1e3 * run.per_period[-1]:.4g} mm a period")
     axis.set_xlabel("time [s]")
     axis.legend(fontsize=8, frameon=False, loc="lower right")
@@ -163,10 +164,10 @@ def main() -> None:
 
     style: dict[Any, Any] = {"font.size": 9, "axes.titlesize": 10}
     with matplotlib.rc_context(style):
-        figure, axes = plt.subplots(1, len(CROSSED), figsize=(13.0, 4.2), layout="constrained")
-        for axis, name in zip(axes, CROSSED, strict=True):
+        figure, axes = plt.subplots(2, 2, figsize=(9.0, 8.4), layout="constrained")
+        for axis, name in zip(axes.ravel(), CROSSED, strict=True):
             draw_crossing(axis, name)
-        axes[0].set_ylabel("position of the contacts [m]")
+            axis.set_ylabel("position of the contacts [m]")
         save(figure, "patches.png")
         figure, axes = plt.subplots(2, 2, figsize=(11.0, 8.0), layout="constrained")
         for axis, draw in zip(axes.ravel(), (draw_slopes, draw_tows, draw_payloads, draw_cost), strict=True):

@@ -261,7 +261,7 @@ class Server:
 
 
 def _colors() -> dict[str, str]:
-    names = ("FORWARD", "BACK", "BOTH", "STICK", "GREY", "ACTUATION", "STALLED")
+    names = ("FORWARD", "BACK", "BOTH", "STICK", "GREY", "ACTUATION", "STALLED", "WALL")
     return {name.lower(): getattr(colors, name) for name in names}
 
 

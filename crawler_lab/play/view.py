@@ -13,7 +13,7 @@ from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.motion.jump import Jump
 from crawler_model.theory.stasis import StasisDomain, stasis_bounds
 from crawler_model.theory.uniqueness import UNDETERMINED
-from crawler_pictures.ground import has_stasis_bounds, list_sections, local_bounds
+from crawler_pictures.ground import has_stasis_bounds, list_sections, list_walls, local_bounds
 
 MOST_SHOWN = 200
 """Number of contacts that a page shows of a long body, evenly spaced."""
@@ -75,6 +75,7 @@ class View:
             "link_names": list(name_every_spring(body))[: self._links.size],
             "joints": joints,
             "sections": [asdict(s) for s in list_sections(scene, -_FAR, _FAR)],
+            "walls": [[wall.at, wall.stops == "forward"] for wall in list_walls(scene, -_FAR, _FAR)],
             "bounded": self._bounded and self._whole,
         }
 

@@ -80,7 +80,8 @@ _Towards = Annotated[
     ),
 ]
 _Periods = Annotated[
-    int | None, typer.Option(help="On patches of ground: number of first periods whose mean counts; 10.")
+    int | None,
+    typer.Option(help="Where the ground differs from place to place: number of first periods whose mean counts; 10."),
 ]
 _Waypoints = Annotated[
     int | None, typer.Option(help="Number of evenly spaced waypoints, all unknown; 6 where it is needed.")
@@ -180,9 +181,9 @@ def optimise_command(
 
     crawler optimise two_contacts_anisotropic --for translation --stroke 0:0.1 --waypoints 2 --out best.yaml
 
-    The objective belongs to the periodic regime; on patches of ground, where no two periods are the same, it is the
-    mean of the first ones. The search ends when several rounds have found nothing better; after --seconds, or Ctrl-C
-    (then with exit status 130), the best gait so far is the result.
+    The objective belongs to the periodic regime; where the ground differs from place to place, so that no two periods
+    are the same, it is the mean of the first ones. The search ends when several rounds have found nothing better; after
+    --seconds, or Ctrl-C (then with exit status 130), the best gait so far is the result.
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, png, force, compromises)

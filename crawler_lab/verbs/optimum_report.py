@@ -111,7 +111,7 @@ def _describe_numbers(found: Optimum) -> str:
     if math.isinf(found.transient_left):
         end = "periods have not settled, and the gain belongs to the last one of the search"
     if found.periods is not None:
-        end = f"the mean of the first {found.periods} periods, as patches make them differ"
+        end = f"the mean of the first {found.periods} periods, as the ground makes them differ"
     slow = math.isnan(found.cost_of_transport) and abs(found.gain) > LEAST_GAIN * found.travel
     cost = "none, as its periods settle too slowly" if slow else _number(found.cost_of_transport, 4)
     return (

@@ -29,7 +29,7 @@ from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
 from .account import average_displacement
-from .repeats import REPEATS, determining_stiffness, determining_tension, tensions_repeat
+from .repeats import REPEATS, determining_stiffness, determining_tension, has_left_all_ground, tensions_repeat
 from .screw import Screw, find_screw, gain_in_frame, places_in_frame
 from .transport import length_of
 
@@ -237,13 +237,10 @@ class _Periods:
 
     def _lasts(self, allowed: float) -> bool:
         """Determine whether the ground under the body stays the same: it walks in place, or leaves all of it behind."""
-        track, gain = self.crawler.scene.ground.track, self.gains[-1]
-        if track is None or abs(gain) <= allowed:
+        if self.crawler.scene.ground.track is None:
             return True
-        at = self.crawler.body.position + self.crawler.displacement
-        walls = np.zeros(0) if track.walls is None else track.walls.place[np.isfinite(track.walls.place)]
-        ends = np.concatenate((track.borders, walls))
-        return bool((np.sign(gain) * (at[:, None] - ends) > self.travel).all())
+        gain = float(self.gains[-1])
+        return abs(gain) <= allowed or has_left_all_ground(self.crawler, gain, self.travel)
 
     def finish(self, tolerance: float) -> LimitCycle:
         """Build the result."""

@@ -25,7 +25,7 @@ from ..crawler.crawler import Crawler
 from ..errors import CommandError
 from ..theory.holding import steepest_held
 from .account import average_displacement
-from .repeats import REPEATS, determining_tension, tensions_repeat
+from .repeats import REPEATS, determining_tension, has_left_all_ground, tensions_repeat
 
 RESOLUTION = 1e-9
 """Width of the final bracket: of a slope [rad], and of a tow relative to the largest tow that has an equilibrium."""
@@ -88,8 +88,8 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
         The limit; its value is a slope [rad].
 
     Raises:
-        CommandError: if the scene has no weights, no periodic drive, no equilibrium on level ground, walls, or patches
-            with slopes of their own.
+        CommandError: if the scene has no weights, no periodic drive, no equilibrium on level ground, walls, or ground
+            with slopes of its own from place to place.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "steepest_climb")
@@ -98,7 +98,7 @@ def steepest_climb(scene: Plan, budget: int = 10_000_000, progress: Callable[[fl
         raise CommandError("steepest_climb: the scene has no body.weights, so that a slope does not load it")
     if not scene.ground.has_one_slope:
         raise CommandError(
-            "steepest_climb: patches of the ground have slopes of their own, so that the track has no one slope to "
+            "steepest_climb: the ground has slopes of its own, so that the track has no one slope to "
             "vary; the largest tow shows against which force the drive carries the body over them"
         )
     if not search.holds(search.on_slope(0.0)):
@@ -251,11 +251,7 @@ class _Search:
 
     def _ends(self, crawler: Crawler, gained: float) -> bool:
         """Return whether a body that repeats its period meets no further border."""
-        track = self.scene.ground.track
-        if track is None or abs(gained) <= self.least_gain:
-            return True
-        last = 2 * track.borders.size if gained > 0.0 else 0
-        return bool(np.all(crawler.places == last))
+        return abs(gained) <= self.least_gain or has_left_all_ground(crawler, gained)
 
     def report(self, part: float) -> None:
         """Report the completed part."""

@@ -62,6 +62,25 @@ def determining_stiffness(body: Body) -> np.ndarray:
     return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS], body.stiffness[springs[len(sliders) :]]))
 
 
+def has_left_all_ground(crawler: Crawler, gained: float, room: float = 0.0) -> bool:
+    """Determine whether a body on a line has left all borders and walls behind, so that its period may repeat for ever.
+
+    Args:
+        crawler: the body, at the end of a period.
+        gained: what it gained in the period, whose sign is its direction of travel [m].
+        room: least distance of its contacts from the last of them [m].
+
+    Returns:
+        True on ground that is the same everywhere, too.
+    """
+    track = crawler.scene.ground.track
+    if track is None:
+        return True
+    walls = np.zeros(0) if track.walls is None else track.walls.place[np.isfinite(track.walls.place)]
+    at = crawler.body.position + crawler.displacement
+    return bool((np.sign(gained) * (at[:, None] - np.concatenate((track.borders, walls))) > room).all())
+
+
 def _remembering(body: Body) -> np.ndarray:
     """List the springs of the elements of hysteresis, then of the actuators with backlash, shape (H + B,)."""
     sliders = list_sliders(body.bends)[:, 0].astype(np.int64)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..colors import BACK, FORWARD, GREY, STALLED, YIELDING
+from ..colors import BACK, FORWARD, GREY, STALLED, WALL, YIELDING
 from ..domain_text import FACE, SECTION
-from ..ground import list_sections
+from ..ground import list_sections, list_walls
 from .camera import watch_set, watch_track
 from .film import Film
 from .moving_set import MovingSet
@@ -185,13 +185,17 @@ class LinePanel:
         axes.set_title(title + left_out, loc="left", fontsize=10)
 
     def _draw_ground(self, film: Film, top: float) -> list[Artist]:
-        """Draw the ground and its patches, up to a height of the axes; return all of it."""
+        """Draw the ground, its patches and walls, up to a height of the axes; return all of it."""
         axes = self._axes
         drawn: list[Artist] = [axes.axhline(0.0, color=GREY, linewidth=1.2, zorder=1)]
         style: Any = {"ha": "center", "va": "center", "fontsize": 9, "clip_on": True}
-        for section in list_sections(film.scene, float(self._left.min()), float(self._right.max())):
-            if section.color is not None:
-                drawn.append(axes.axvspan(section.start, section.end, 0.0, 0.75 / (top + 0.75), color=section.color))
+        ends = float(self._left.min()), float(self._right.max())
+        for wall in list_walls(film.scene, *ends):
+            behind = wall.at + (1.0 if wall.stops == "forward" else -1.0) * 0.012 * (self._right[0] - self._left[0])
+            drawn.append(axes.axvspan(wall.at, behind, 0.0, 1.75 / (top + 0.75), color=WALL, linewidth=0.0))
+        for section in list_sections(film.scene, *ends):
+            for start, end, color in section.bands:
+                drawn.append(axes.axvspan(start, end, 0.0, 0.75 / (top + 0.75), color=color, antialiased=False))
             drawn.append(axes.text(section.middle, -0.4, section.text, **style))
         return drawn
 

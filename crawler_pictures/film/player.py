@@ -5,14 +5,15 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK, YIELDING
+from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK, WALL, YIELDING
 from ..domain_text import FACE, SECTION
-from ..ground import list_sections
+from ..ground import list_sections, list_walls
 from ..run.kymograph import HEIGHT, MOST_LINES, WIDTH
 from ..run.pixels import divide, join_states
 from ..strokes import WORDS, friction_strokes
@@ -68,7 +69,7 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         "arrows": chosen.size <= MOST_ARROWS,
         "coils": joints.shape[0] <= MOST_COILS,
         "colors": {"1": FORWARD, "0": "#9a9a9a", "-1": BACK, "2": BOTH, "stick": STICK, "grey": GREY}
-        | {"face": FACE, "section": SECTION, "stalled": STALLED, "yielding": YIELDING},
+        | {"face": FACE, "section": SECTION, "stalled": STALLED, "yielding": YIELDING, "wall": WALL},
         "yields": _pack(film.yields, "i1") if film.yields.shape[1] == joints.shape[0] else None,
         "strokes": None,
         "kymograph": None,
@@ -85,6 +86,7 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         found["window"] = [_pack(side) for side in watch_track(place, film.cycle_frames)]
         found["bows"] = bows(film.rest[chosen], joints).tolist()
         found["ground"] = _list_ground(film)
+        found["walls"] = [[wall.at, wall.stops == "forward"] for wall in list_walls(film.scene, -np.inf, np.inf)]
     if film.planar or n > MOST_LINES:
         image = join_states(film.state[1:], *divide(film.time, min(WIDTH, film.time.size - 1))).T
         if n > HEIGHT:
@@ -115,4 +117,4 @@ def _list_ground(film: Film) -> list[dict[str, Any]]:
     place = film.place
     reach = float(np.ptp(place))
     sections = list_sections(film.scene, float(place.min()) - reach, float(place.max()) + reach)
-    return [{"start": s.start, "end": s.end, "text": s.text, "color": s.color} for s in sections]
+    return [asdict(section) for section in sections]

@@ -195,8 +195,9 @@ def _positions(axis: Axes, run: RunArrays) -> None:
     limits = axis.get_ylim()
     if isinstance(run.scene, Scene):
         for section in list_sections(run.scene, *limits):
-            if section.color is not None:
-                axis.axhspan(section.start, section.end, color=section.color, alpha=0.45, linewidth=0.0, zorder=-1)
+            for start, end, color in section.bands:
+                axis.axhspan(start, end, color=color, alpha=0.45, linewidth=0.0, zorder=-1, antialiased=False)
+            if section.colors:
                 where: Any = {"textcoords": "offset points", "va": "center", "zorder": 5, "bbox": PLATE}
                 axis.annotate(section.text, (run.time[0], section.middle), (5, 0), fontsize=8, **where)
         draw_walls(axis, run.scene)
@@ -265,7 +266,7 @@ def _explain_bounds(run: RunArrays) -> str:
     segments = any(not name.startswith("link_") for name in run.links)
     patched = run.scene is not None and run.scene.ground.track is not None
     body = "the mean tension of a segment" if segments else "a graph of springs"
-    where = "in the plane" if run.planar else "on patches of ground" if patched else f"for {body}"
+    where = "in the plane" if run.planar else "where the ground differs" if patched else f"for {body}"
     return f"; without bounds, which are not computed {where}"
 
 

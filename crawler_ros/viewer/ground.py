@@ -1,4 +1,4 @@
-"""The ground in the rerun view: bands for patches, a profile for slopes, and marks of the contacts that jump."""
+"""The ground in the rerun view: bands of colour, walls, heights of slopes, and marks of the contacts that jump."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from crawler_model import Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 from crawler_model.run.trajectory import TimedJump
-from crawler_pictures.colors import JUMP, rgb
-from crawler_pictures.ground import Section, list_sections, trace_profile
+from crawler_pictures.colors import JUMP, WALL, rgb
+from crawler_pictures.ground import Section, list_sections, list_walls, trace_profile
 
 from .looks import line_radius
 
@@ -38,12 +38,11 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
     left, right = window.tolist()
     sections = list_sections(scene, left, right)
     lines, colors, radii = [], [], []
-    for section in sections:
-        if section.color is not None:
-            made, radius = _fill(section.start - origin, section.end - origin, 0.05 * length)
-            lines += made
-            colors += [rgb(section.color)] * len(made)
-            radii += [line_radius(radius, length)] * len(made)
+    for start, end, color in (band for section in sections for band in section.bands):
+        made, radius = _fill(start - origin, end - origin, 0.05 * length)
+        lines += made
+        colors += [rgb(color)] * len(made)
+        radii += [line_radius(radius, length)] * len(made)
     stream.log("world/ground", rr.LineStrips2D(lines, colors=colors, radii=radii, draw_order=-20.0))
     sections.sort(key=lambda section: section.middle)
     texts = rr.Points2D(
@@ -54,6 +53,10 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
         show_labels=True,
     )
     stream.log("world/ground/text", texts)
+    if scene.parts.ground.walls:  # also on a page without any, as those of the page before are gone
+        places = [wall.at - origin for wall in list_walls(scene, left, right)]
+        bars, radius = [[[x, 0.05 * length], [x, -0.3 * length]] for x in places], rr.Radius.ui_points(3.0)
+        stream.log("world/ground/walls", rr.LineStrips2D(bars, colors=[rgb(WALL)], radii=radius, draw_order=-10.0))
     at, height = trace_profile(scene, left, right)
     if at.size:
         scale = min(1.0, 0.1 * length / float(height.max()))

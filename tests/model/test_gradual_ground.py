@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_model import CommandError, Crawler, Scene, SceneError, simulate
+from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
 
 from .bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
 
@@ -284,3 +284,20 @@ def test_what_has_no_answer_on_gradual_ground_says_so():
 def test_a_scene_with_a_profile_survives_a_round_trip():
     scene = two({"at": [0.0, 1.0], "friction": {"forward": [1.0, 0.5], "backward": [1.0, 1.0]}}, [0.0, 0.1])
     assert Scene.model_validate(json.loads(json.dumps(scene.document()))) == scene
+
+
+def test_the_gallery_leaves_the_ice_as_its_comments_say():
+    run = simulate(load_scene("leaving_ice"), duration=20.0)
+    k, stroke, length, mu, a = 20.0, 0.1, 0.2, -0.05, 0.5
+    q, between = 1.0 / (1.0 + a / k), 0
+    for period, (before, after) in enumerate(itertools.pairwise(run.displacement[::100])):
+        front = run.displacement[100 * period + 50, 1] + length
+        if before[0] >= 0.3 and front <= 0.9:
+            assert front == pytest.approx(q * (before[0] + length + stroke - mu / k), abs=1e-14)
+            assert after[0] == pytest.approx(q * (front - length - mu / k), abs=1e-14)
+            between += 1
+    assert between == 4
+    assert run.per_period[0] == pytest.approx(0.0925, abs=1e-12)  # its front holds still until it has left its start
+    assert run.per_period[-1] == pytest.approx(stroke - 2 * 0.4 / k, abs=1e-12)
+    assert run.unique
+    assert not run.jumps

@@ -358,7 +358,7 @@ def test_patches_of_friction_tilt_with_the_track():
     patches = [{"from": 0.5, "to": 0.9, "friction": 0.5}]
     limit = steepest_climb(far_from("slope_climber", ground={"patches": patches, "slope": 3.0}))
     assert limit.value <= math.atan(0.1) <= limit.beyond <= limit.value + 1e-8
-    with pytest.raises(CommandError, match="patches of the ground have slopes of their own"):
+    with pytest.raises(CommandError, match="the ground has slopes of its own"):
         steepest_climb(load_scene("hill_top"))
 
 

@@ -23,6 +23,7 @@ from crawler_command.screen import whole_file
 from crawler_model import load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
+from crawler_pictures.colors import WALL, rgb
 from crawler_pictures.film.camera import follow
 from crawler_pictures.film.encode import write_gif, write_mp4
 from crawler_pictures.film.film import Film, film_of_run, frame_times
@@ -220,6 +221,20 @@ def test_a_page_draws_the_frames_of_friction_of_bodies_that_turn(name, count, tm
     assert ends[:, 0, :, 0] == pytest.approx(feet, abs=1e-6)
     assert ends[:, 1].mean(axis=2) == pytest.approx(feet, abs=1e-6)
     assert page.count("film.strokes.words") == 1
+
+
+def test_films_show_ground_that_changes_and_walls(tmp_path):
+    pushing, leaving = film_of("wall_pusher", 4.0), film_of("leaving_ice", 6.0)
+    picture = Stage(pushing).draw(90).astype(int)
+    assert int((np.abs(picture - rgb(WALL)).max(axis=2) < 6).sum()) > 1000
+    picture = Stage(leaving).draw(100)
+    row = picture[int(0.33 * picture.shape[0])]  # in the ground
+    assert len(np.unique(row, axis=0)) > 20
+    write_html(pushing, tmp_path / "w.html", 25.0, lambda part: None)
+    assert read_page(tmp_path / "w.html")[1]["walls"] == [[0.5, True]]
+    write_html(leaving, tmp_path / "l.html", 25.0, lambda part: None)
+    ground = read_page(tmp_path / "l.html")[1]["ground"]
+    assert [len(section["colors"]) for section in ground] == [1, 48, 1]
 
 
 def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):

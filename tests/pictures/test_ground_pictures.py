@@ -13,13 +13,14 @@ import pytest
 pytest.importorskip("rerun")
 pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.body import draw_body, draw_length
-from crawler_pictures.colors import JUMP, rgb
+from crawler_pictures.colors import JUMP, WALL, rgb
 from crawler_pictures.ground import draw_walls, list_sections, trace_profile
 from crawler_pictures.run.page import draw_run
 from crawler_ros.replay import analyse
@@ -59,10 +60,65 @@ def test_sections_name_what_is_in_sight_once():
         (3.0, 4.0, "friction ×2 →, ×0.5 ←"),
         (2.6, 3.0, "slope 3° ↗"),
     ]
-    assert [s.color for s in found] == [ICE, ROUGH, HILL, "#c7b5de", None]
+    assert [s.colors for s in found] == [(ICE,), (ROUGH,), (HILL,), ("#c7b5de",), ()]
     assert list_sections(hilly(3.0), 3.5, 4.0)[0].text == "friction ×2 →, ×0.5 ←"
     assert list_sections(hilly(), 9.0, 10.0) == []
     assert list_sections(load_scene("two_anchor_a"), -10.0, 10.0) == []
+
+
+def shades(**ground) -> list[tuple[str, ...]]:
+    document = load_scene("leaving_ice").document() | {"ground": ground}
+    return [s.colors for s in list_sections(Scene.model_validate(document), -1.0, 2.0)]
+
+
+def test_the_colour_changes_as_friction_does():
+    before, between, beyond = shades(profile={"at": [0.0, 1.0], "friction": [0.25, 2.0]})
+    assert before == (ICE,)  # the factor that is farthest from 1
+    assert len(set(between)) > 20
+    strength = [np.abs(np.subtract(rgb(color), rgb("#f4f3ee"))).sum() for color in between]
+    lightest = int(np.argmin(strength))
+    assert (np.diff(strength[:lightest]) <= 0).all()
+    assert (np.diff(strength[lightest:]) >= 0).all()
+    assert lightest / len(between) == pytest.approx(0.75 / 1.75, abs=0.03)  # where the factor is 1
+    assert rgb(beyond[0])[0] > rgb(beyond[0])[2]  # brown, and lighter than a patch: 2 is less far from 1 than 0.25
+    assert beyond[0] != ROUGH
+    both = {"forward": [1.0, 2.0], "backward": [1.0, 0.5]}
+    assert shades(profile={"at": [0.0, 1.0], "friction": both})[2] == ("#c7b5de",)
+
+
+def test_a_patch_lies_on_the_profile():
+    patches = [{"from": 0.2, "to": 0.4, "friction": 0.5}]
+    ground = {"profile": {"at": [0.0, 1.0], "friction": [1.0, 2.0]}, "patches": patches}
+    document = load_scene("leaving_ice").document() | {"ground": ground}
+    figure, axis = plt.subplots()
+    draw_body(axis, Scene.model_validate(document), [0.2, 0.2], [0.0])
+    figure.canvas.draw()
+    x, y = axis.transData.transform((0.35, -0.11)).astype(int)
+    picture = np.asarray(figure.canvas.buffer_rgba())[::-1, :, :3].astype(int)
+    around = picture[y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3)
+    plt.close(figure)
+    assert (np.abs(around - rgb(ICE)).max(axis=1) < 6).any()
+
+
+def test_a_wall_stands_behind_the_contact_that_it_stops():
+    document = load_scene("wall_pusher").document()
+    document["ground"] = {"walls": [{"at": 0.5, "stops": "forward"}, {"at": 0.1, "stops": "backward"}]}
+    document["body"]["contacts"] = [0.2, 0.4]
+    figure, axis = plt.subplots()
+    draw_body(axis, Scene.model_validate(document), [-0.1, 0.1], [0.0])
+    bars = [patch.get_xy()[:, 0] for patch in axis.patches if patch.get_facecolor()[:3] == to_rgb(WALL)]
+    plt.close(figure)
+    ends = sorted((bar.min(), bar.max()) for bar in bars)
+    assert ends == [pytest.approx((0.088, 0.1)), pytest.approx((0.5, 0.512))]
+
+
+def test_the_view_draws_the_walls_of_a_page(tmp_path):
+    drawing = Drawing(load_scene("wall_pusher"), to_file(tmp_path / "x.rrd"))
+    drawing.draw(frames(load_scene("wall_pusher"), 0.0)[0])
+    drawing.close()
+    strips = np.array(column(tmp_path / "x.rrd", "/world/ground/walls", "strips")[0])
+    assert strips.shape == (1, 2, 2)
+    assert strips[0, 0, 0] == strips[0, 1, 0]
 
 
 def test_walls_are_lines_where_they_stand():

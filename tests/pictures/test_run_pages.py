@@ -225,7 +225,7 @@ def test_colours_of_forces_are_explained():
 def test_jumps_are_explained_and_the_reason_for_missing_bounds_is_that_of_the_scene(monkeypatch):
     lines = words_on_page(on_ice(), monkeypatch).splitlines()
     assert "jumps over a border" in lines
-    assert "tension of 4 links; without bounds, which are not computed on patches of ground" in lines
+    assert "tension of 4 links; without bounds, which are not computed where the ground differs" in lines
     assert "jumps over a border" not in words_on_page(waving(5, 1.0, 0.1), monkeypatch)
 
 

@@ -278,7 +278,7 @@ LIMITS = [
     ("ice", {}, TOW + "none, as the drive does not carry the body without it"),
     ("hill_top", {}, TOW + "0.2435883 N backward, where"),
     ("hill_top", {}, "steepest slope that it holds at rest: not computed, as parts of the ground have slopes of"),
-    ("hill_top", {}, "not searched for: patches of the ground have slopes of their own"),
+    ("hill_top", {}, "not searched for: the ground has slopes of its own"),
     (
         "two_contacts_anisotropic",
         {"body": TENDON_BODY},

@@ -261,12 +261,15 @@ function drawGround(pen, width, height, eye) {
   }
   const y = 0.62 * height + 9;
   for (const section of scene.sections) {
-    const [a, b] = [section.start, section.end].map(x => Math.min(Math.max(eye.to([x, 0])[0], -width), 2 * width));
-    if (section.color) { pen.fillStyle = section.color; pen.fillRect(a, y, b - a, 16); }
+    const [start, end] = [section.start, section.end].map(x => eye.to([x, 0])[0]), each = (end - start) / section.colors.length;
+    const inside = x => Math.min(Math.max(x, -width), 2 * width), [a, b] = [start, end].map(inside);
+    section.colors.forEach((color, k) => { pen.fillStyle = color; pen.fillRect(inside(start + k * each), y, inside(start + (k + 1) * each) - inside(start + k * each), 16); });
     pen.fillStyle = ink("dim");
     const [from, to] = [Math.max(a, 0), Math.min(b, width)];
     if (to - from > 60) pen.fillText(section.text, (from + to) / 2, y + 52);
   }
+  pen.fillStyle = colors.wall;
+  for (const [at, ahead] of scene.walls) pen.fillRect(eye.to([at, 0])[0] - (ahead ? 0 : 12), y - 60, 12, 76);
   line(pen, [[-width, y], [2 * width, y]], ink("ink"), 2);
   pen.fillStyle = ink("dim");
   for (let x = Math.ceil(left / step) * step; x < right; x += step) {
