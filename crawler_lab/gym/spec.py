@@ -69,7 +69,7 @@ class Spec:
         actions = self.actions
         if scene is not self.scene:
             actions = build_actions(scene, self.stroke, self.friction, self.steps_per_stroke)
-        _check_friction(actions, scene, ranges)
+        _check_ground_and_friction(actions, scene, ranges)
         return dataclasses.replace(self, scene=scene, actions=actions, ranges=ranges)
 
 
@@ -142,7 +142,7 @@ def build_spec(
         )
     per_stroke = max(float(stroke_time * ratio), 1.0)
     actions = build_actions(loaded, stroke, friction, per_stroke)
-    _check_friction(actions, loaded, ranges)
+    _check_ground_and_friction(actions, loaded, ranges)
     lengths = loaded.columns.lengths
     mean = float(np.mean(actions.limits[0, :lengths])) * float(ratio) if lengths else 0.0
     checked = build_task(loaded, task, direction, speed, place, tolerance, mean, ranges)
@@ -178,8 +178,17 @@ def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
     return loaded
 
 
-def _check_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
-    if "friction" in ranges.ranges and (actions.free >= scene.columns.lengths).any():
+def _check_ground_and_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
+    free, track = bool((actions.free >= scene.columns.lengths).any()), scene.ground.track
+    if free and track is not None and track.changes_friction_gradually:
+        raise CrawlerError(
+            f"friction: {scene.name} has a ground.profile of friction, on which it cannot be commanded; leave it out"
+        )
+    if "slope" in ranges.ranges and track is not None and track.profile is not None and track.profile[3].any():
+        raise CrawlerError(
+            f"options: slope: {scene.name} has a ground.profile of slopes, beside which there is no other; leave it out"
+        )
+    if "friction" in ranges.ranges and free:
         raise CrawlerError(
             "options: friction cannot be randomised where it is free to be commanded; leave one of the two out"
         )

@@ -277,6 +277,19 @@ def test_a_factor_on_stiffness_is_one_on_all_forces(springs):
     assert np.abs(soft.displacement).max() > 0.01
 
 
+def test_friction_is_randomised_on_a_profile():
+    """A factor on friction stands for the same factor on all factors of the profile."""
+    document = load_scene("leaving_ice").document()
+    document["ground"]["profile"]["friction"] = [0.5 * factor for factor in document["ground"]["profile"]["friction"]]
+    env, other = make("leaving_ice"), make(Scene.model_validate(document))
+    env.reset(seed=1, options={"friction": 0.5})
+    other.reset(seed=1)
+    for step in range(60):
+        seen, wanted = (one.step(np.array([np.sin(0.4 * step)]))[0] for one in (env, other))
+        assert seen == pytest.approx(wanted, abs=1e-12)
+    assert abs(env.displacement).max() > 0.05
+
+
 @pytest.mark.parametrize("scene", ["slope_climber", "hill_top", "planar"])
 def test_a_slope_may_be_level(scene):
     """A scene that only its slope loads has commands of loads without that slope, too."""
@@ -359,6 +372,11 @@ def test_making_it_loads_neither_ros_nor_pictures():
     assert not made & {"rclpy", "mcap", "matplotlib", "rerun"}
 
 
+def hilly() -> Scene:
+    """The chain on ground that gets steeper."""
+    return Scene.model_validate(CHAIN | {"ground": {"profile": {"at": [0.2, 0.6], "slope": [0.0, 5.0]}}})
+
+
 WRONG = [
     ({"task": "fly"}, "task: unknown task 'fly'; the nearest is "),
     ({"scene": "planar_three_points"}, "direction: missing; in the plane the task translation needs the angle"),
@@ -386,6 +404,14 @@ WRONG = [
     (
         {"randomise": {"friction": 1.0}, "friction": [0.1, 0.6]},
         "options: friction cannot be randomised where it is free",
+    ),
+    (
+        {"scene": "leaving_ice", "friction": [0.1, 3.0]},
+        "friction: leaving_ice has a ground.profile of friction, on which it cannot be commanded; leave it out",
+    ),
+    (
+        {"scene": hilly(), "randomise": {"slope": [0.0, 2.0]}},
+        "options: slope: chain has a ground.profile of slopes, beside which there is no other; leave it out",
     ),
 ]
 
