@@ -38,8 +38,11 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
     left, right = window.tolist()
     sections = list_sections(scene, left, right)
     lines, colors, radii = [], [], []
-    for start, end, color in (band for section in sections for band in section.bands):
-        made, radius = _fill(start - origin, end - origin, 0.05 * length)
+    depth = 0.05 * length
+    bands = [(section.end, *band) for section in sections for band in section.bands]
+    for last, start, end, color in bands:
+        covered = min(end + depth / _ROWS, last)  # between round ends of two shades no gap is left
+        made, radius = _fill(start - origin, covered - origin, depth)
         lines += made
         colors += [rgb(color)] * len(made)
         radii += [line_radius(radius, length)] * len(made)
