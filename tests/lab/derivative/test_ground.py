@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_lab import sensitivities
+from crawler_lab import sensitivities, vary
 from crawler_model import Scene, SceneError, load_scene, simulate
 
-from ...model.bodies import CHAIN, GRAPH, Drawn
+from ...model.bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
 
 K, MU, A, STROKE, LENGTH = 20.0, 0.2, 0.5, 0.1, 0.2
 
@@ -110,3 +110,21 @@ def test_segments_have_none():
     del data["friction"]
     with pytest.raises(SceneError, match=r"sensitivities: two has ground\.walls and segments.*sweep"):
         sensitivities(Scene.model_validate(data), ["body.segments[0].stiffness"])
+
+
+@pytest.mark.parametrize("kind", [*ON_GRADUAL_GROUND, "chain on patches", "chain between walls"])
+@pytest.mark.parametrize("seed", range(2))
+def test_steps_of_another_size_find_the_same(kind, seed):
+    scene = Drawn(kind, seed).driven().scene
+    keys = ["body.links.stiffness", "friction.forward", "drive.actuation"]
+    if kind in ON_GRADUAL_GROUND:
+        keys += [f"ground.profile.{key}" for key in ("at", "friction.forward", "friction.backward", "slope")]
+    keys += [f"ground.walls[{i}].at" for i in range(len(scene.parts.ground.walls))]
+    found = sensitivities(scene, keys, rate=1.7)
+    assert found.one_sided.mean() < 0.1
+    for p in np.flatnonzero(~found.one_sided)[seed::7]:
+        step = 2.0**-17 * max(abs(found.values[p]), 0.125)
+        sides = vary(scene, {found.parameters[p]: [found.values[p] - step, found.values[p] + step]})
+        less, more = (simulate(side, rate=1.7).displacement for side in sides)
+        derivative = found.displacement[..., p]
+        assert (more - less) / (2.0 * step) == pytest.approx(derivative, abs=1e-5 * max(np.abs(derivative).max(), 1.0))
