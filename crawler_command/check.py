@@ -33,6 +33,7 @@ _LONGEST = 20.0  # m: longer than any robot of the literature
 _SLOWEST = 200.0  # s
 _DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
+_TOO_FLAT = 0.8  # degrees: in radians the slope of a steep hill
 
 
 def choose_rate(scene: Scene) -> float:
@@ -247,7 +248,7 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
 
 
 def _print_units(scene: Plan, screen: Console) -> None:
-    """Warn about lengths far beyond the body's: most are due to wrong units of length or force."""
+    """Warn about lengths far beyond the body's and slopes that are nearly none: most are due to wrong units."""
     body, drive = scene.body, scene.drive
     length = float(np.linalg.norm(np.ptp(body.position, axis=0)))
     if length > _LONGEST:
@@ -268,6 +269,12 @@ def _print_units(scene: Plan, screen: Console) -> None:
     bent = float(np.abs(drive.actuation[:, body.springs :]).max(initial=0.0)) if body.turning is not None else 0.0
     if bent > _TOO_BENT:
         screen.print(f"[yellow]degrees for radians?[/] the drive turns a joint by {bent:g} rad; angles are in rad")
+    slope = float(np.degrees(scene.ground.slope))
+    if 0.0 < abs(slope) < _TOO_FLAT:
+        screen.print(
+            f"[yellow]radians for degrees?[/] ground.slope is {slope:g} degrees; {slope:g} rad would be "
+            f"{np.degrees(slope):.3g} degrees"
+        )
     if body.dimension == 2:
         bounds = drive.targets[:, drive.actuation.shape[1] :]
         friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)

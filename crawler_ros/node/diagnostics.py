@@ -11,7 +11,7 @@ from crawler_model.run.orientation import shape_orientation
 from crawler_model.theory.uniqueness import UNDETERMINED
 
 from ..wire.facts import REFUSED_ON, Fact, Refusal
-from .intake.peers import LENGTH_TOPICS, publishers_of, rivals_on_commands, rivals_on_states
+from .intake.peers import publishers_of, rivals_on_states
 
 if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
     from crawler_model import Crawler
@@ -46,13 +46,14 @@ class TickCounts(NamedTuple):
 
 
 class CommandCounts(NamedTuple):
-    """Counts that were last reported: messages refused, lost and without room, rows dropped, ticks refused."""
+    """Counts that were last reported: messages refused, lost and without room, rows dropped, ticks refused, overdue."""
 
     refused: int = 0
     lost: int = 0
     full: int = 0
     dropped: int = 0
     ticks: int = 0
+    overdue: int = 0
 
 
 class Diagnosed(Protocol):
@@ -243,7 +244,8 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
 
 def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
-    now = CommandCounts(refused, intake.lost, node.commands.full, node.commands.unheld, node.counts.unheld)
+    queue = node.commands
+    now = CommandCounts(refused, intake.lost, queue.full, queue.unheld, node.counts.unheld, queue.overdue)
     before, node.reported_commands = node.reported_commands, now
     level, news = OK, []
     unheld = "no equilibrium holds their loads"
@@ -256,7 +258,11 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         news.append(f"{now.dropped - before.dropped} row(s) dropped: {unheld}")
     if now.lost > before.lost:
         news.append(f"{now.lost - before.lost} message(s) lost: they arrived faster than they could be read")
-    rival = rivals_on_commands({name: publishers[name] for name in LENGTH_TOPICS})
+    if now.overdue > before.overdue:
+        news.append(
+            f"{now.overdue - before.overdue} trajectory message(s) wholly in the past, followed within one tick"
+        )
+    rival = intake.find_rivals(publishers)
     if rival:
         news.append(rival)
         node.warn_once(rival)
@@ -270,11 +276,12 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
         "; ".join(news) or "all accepted",
         [
             (Fact.REFUSED, str(refused)),
-            (Fact.FULL, str(node.commands.full)),
-            (Fact.ROWS_DROPPED, str(node.commands.unheld)),
+            (Fact.FULL, str(queue.full)),
+            (Fact.OVERDUE, str(queue.overdue)),
+            (Fact.ROWS_DROPPED, str(queue.unheld)),
             (Fact.TICKS_REFUSED, str(node.counts.unheld)),
             (Fact.LOST, str(intake.lost)),
-            (Fact.WAITING, f"{node.commands.waiting} of {node.commands.most_waiting}"),
+            (Fact.WAITING, f"{queue.waiting} of {queue.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),
             *((f"lost on {name}", str(a.lost)) for name, a in intake.arrivals.items() if a.lost),
             *((f"{REFUSED_ON}{name}", str(count)) for name, count in sorted(counts.items())),

@@ -108,11 +108,10 @@ class Simulator(QuietNode):
         single = self.feed is not None or not runs_in_one_call(self.crawler)
         self._ahead = None if single else Ahead(self.scene, self.outgoing, self.recorder, self.every)
         self._next_diagnostics_ns = self._logged_lag_ns = 0
-        name = self.get_fully_qualified_name()
+        name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(
             f"{self.scene.name}: {self.scene.body.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
-            f"for commands on joint_trajectory, actuation_controller/commands, friction_controller/commands; services "
-            f"{name}/pause, {name}/step, {name}/reset"
+            f"for commands on {', '.join(topics)}; services {name}/pause, {name}/step, {name}/reset"
         )
 
     def _open_topics(self) -> None:
@@ -277,6 +276,7 @@ class Simulator(QuietNode):
         start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
         in_force = self.commands.in_force
         vertices = self.commands.take(start_ns, end_ns)
+        self.intake.warn_of_overdue(start_ns)
         rows = [v.row for v in vertices]
         try:
             step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
@@ -353,7 +353,8 @@ class Simulator(QuietNode):
                 self.get_logger().info(f"recorded {self.recorder.folder}")
         if self.feed is not None:
             self.feed.close()
-        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}")
+        nothing = "" if self.intake.received else "; no command was received"
+        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}{nothing}")
         self.leave()
 
 

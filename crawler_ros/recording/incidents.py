@@ -27,6 +27,7 @@ class Incidents:
         held: number of ticks whose commands were refused because nothing would hold the body where they lead, or a body
             that turns cannot follow them.
         lost: number of command messages that did not arrive.
+        overdue: number of trajectories that began when their last point was past.
         late: number of late ticks.
         first_late: simulated time of the first late tick [s]; None when there was none, or it was not recorded.
         worst_late: the same of the one that began latest.
@@ -38,6 +39,7 @@ class Incidents:
     dropped: int
     held: int
     lost: int
+    overdue: int
     late: int
     first_late: float | None
     worst_late: float | None
@@ -62,6 +64,8 @@ class Incidents:
             lines.append(f"the commands of {self.held} tick(s) refused: the body could not follow them")
         if self.lost:
             lines.append(f"{self.lost} command message(s) lost on the way to the simulator")
+        if self.overdue:
+            lines.append(f"{self.overdue} trajectory message(s) wholly in the past, each followed within one tick")
         if self.late:
             worst = ""
             if self.worst_delay is not None and self.worst_late is not None and self.first_late is not None:
@@ -120,6 +124,7 @@ def find_incidents(nodes: Mapping[str, Parts], namespace: str) -> Incidents | No
         dropped=rows_dropped(commands),
         held=ticks_refused(simulation | commands),
         lost=read_count(commands, Fact.LOST.value),
+        overdue=read_count(commands, Fact.OVERDUE.value),
         late=read_count(simulation, Fact.LATE_TICKS.value),
         first_late=read_number(simulation, Fact.FIRST_LATE),
         worst_late=read_number(simulation, Fact.WORST_LATE),

@@ -54,6 +54,7 @@ class Fact(str, Enum):
     COMPLEMENTARITY = "largest complementarity [J]"
     REFUSED = "refused"
     FULL = "refused because the queue was full"
+    OVERDUE = "trajectories wholly in the past"
     ROWS_DROPPED = "rows dropped"
     TICKS_REFUSED = "ticks refused"
     LOST = "lost"

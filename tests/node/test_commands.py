@@ -447,3 +447,16 @@ def test_vertices_taken_ahead_are_those_of_one_tick_after_another_to_the_bit(loc
         assert ahead.now_ns == alone.now_ns
         assert ahead.in_force.tobytes() == alone.in_force.tobytes()
         tick += taken.first.size - 1
+
+
+@pytest.mark.parametrize("lock_step", [False, True])
+def test_trajectories_that_are_over_before_they_begin_are_counted(lock_step):
+    """Not what sets a number at once, late as it may be, nor what still goes on."""
+    commands = queue(lock_step=lock_step)
+    commands.accept_actuation([0.0, 0.1])
+    take(commands, 9)
+    for stamp_ns, lasts_ns, counted in ((1, 0, 0), (TICK, 10 * TICK, 0), (TICK, 7 * TICK, 1), (0, TICK, 1)):
+        commands.accept_trajectory(["link_0"], [lasts_ns], [[0.1]], stamp_ns)
+        take(commands, 10)
+        assert commands.overdue == counted
+        commands.reset(commands.in_force)

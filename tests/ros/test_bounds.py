@@ -276,16 +276,17 @@ def test_times_of_another_clock_are_refused(ros, lock_step):
     wait_until(lambda: ros.heard["joint_states"][-1].effort[1] != 0.0, what="a walk")
 
 
-def test_commands_beyond_a_thousand_bodies_are_refused_by_name(ros):
+def test_commands_beyond_ten_bodies_are_refused_with_the_parameter_that_accepts_them(ros):
+    """Forty millimetres given as metres are more than a hundred lengths of the body."""
     process = ros.simulator(hear=("joint_states", "/diagnostics"))
     cases = [
         (
             ACTUATION,
-            Float64MultiArray(data=[1e20, 0.0]),
-            "link_0 is 1e+20; at most 300 is accepted (parameter limit.length)",
+            Float64MultiArray(data=[-40.0, 0.0]),
+            "link_0 is -40; at most 3 is accepted (set the parameter limit.length, in m, to accept more)",
         ),
-        (FRICTION, Float64MultiArray(data=[1e9]), "contact_0/forward is 1e+09"),
-        (TRAJECTORY, trajectory(["link_1"], [[0.0], [-301.0]], [0, 1]), "link_1 is -301; at most 300"),
+        (FRICTION, Float64MultiArray(data=[1e9]), "(set the parameter limit.friction, in N, to accept more)"),
+        (TRAJECTORY, trajectory(["link_1"], [[0.0], [-3.1]], [0, 1]), "link_1 is -3.1; at most 3 is accepted"),
     ]
     for name, message, said in cases:
         ros.publish(name, message)
@@ -319,7 +320,7 @@ BODIES = {
 
 
 @pytest.mark.parametrize("name", list(BODIES))
-def test_limits_are_a_thousand_bodies_and_as_told(name):
+def test_limits_are_ten_bodies_and_as_told(name):
     document = {"name": name, "body": BODIES[name]}
     if name != "segment":
         document["friction"] = {"isotropic": 2.0}
@@ -330,7 +331,7 @@ def test_limits_are_a_thousand_bodies_and_as_told(name):
     span = 4.0 if name == "segment" else 1.0
     default = command_limits(scene)
     lengths = scene.columns.lengths
-    assert default.largest[:lengths] == pytest.approx(1000.0 * extent / span)
+    assert default.largest[:lengths] == pytest.approx(10.0 * extent / span)
     told = command_limits(scene, 8.0, 80.0)
     assert told.largest[:lengths] == pytest.approx(8.0 / span)
     assert told.largest[lengths:] == pytest.approx(80.0 / span)

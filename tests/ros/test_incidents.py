@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy")
+from builtin_interfaces.msg import Duration
 from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_command.screen import Screen
 from crawler_ros.replay import analyse
@@ -16,7 +18,7 @@ from crawler_ros.replay.show.report import print_replay
 
 from ..processes import wait_until
 from .graph import graph
-from .machine import value
+from .machine import status, value
 
 FRICTION, LENGTHS = "friction_controller/commands", "actuation_controller/commands"
 
@@ -58,6 +60,24 @@ def test_refused_commands_are_recorded_by_reason_and_time_up_to_the_end(ros, cap
     said = capsys.readouterr().out
     assert f"2 message(s) refused on {FRICTION}, the first at 0 s, the last at 0 s: friction command" in said
     assert f"1 message(s) refused on {LENGTHS}, the first at 0.05 s: actuation command has 1 value(s)" in said
+
+
+def test_trajectories_wholly_in_the_past_are_told_counted_and_recorded(ros):
+    bags = ros.folder / "bags"
+    simulator = ros.simulator(f"record:={bags}", hear=("joint_states", "/diagnostics"))
+    ros.ticked(50)
+    point = JointTrajectoryPoint(positions=[0.05], time_from_start=Duration(nanosec=100_000_000))
+    message = JointTrajectory(joint_names=["link_0"], points=[point])
+    message.header.stamp.nanosec = 300_000_000
+    ros.publish("joint_trajectory", message)
+    wait_until(lambda: value(ros, "commands", "trajectories wholly in the past") == "1", what="a count")
+    assert status(ros, "commands").level == b"\x01"
+    assert simulator.said.count("1 trajectory message(s) wholly in the past at simulated time ") == 1
+    assert simulator.end() == 0
+    found = analyse(only(bags)).incidents
+    assert found is not None
+    assert found.overdue == 1
+    assert found.explain()[0].startswith("1 trajectory message(s) wholly in the past")
 
 
 def test_late_ticks_are_recorded_with_the_first_and_the_worst(ros):

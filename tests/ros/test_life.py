@@ -14,11 +14,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from crawler_ros.node.intake.peers import publishers_of
 from crawler_ros.node.life.shared_memory import remove_orphans
 
 from ..processes import children, wait_until
 from .graph import environment, graph, node_command
-from .machine import simulator, status, stop
+from .machine import Sender, encode_array, simulator, status, stop, value
 from .test_security import NOTHING, addresses, is_loopback
 
 CONTROLLERS = ("speed_control", "phase_control", "path_control")
@@ -150,6 +151,34 @@ def test_two_players_of_one_name_warn_and_so_does_the_simulator(ros):
     wait_until(lambda: warned(ros, "gait_player: playing", "publishers command"), what="the player's warning")
     assert players[0].end() == 0
     wait_until(lambda: status(ros, "commands").level == b"\x00", what="peace")
+
+
+def test_a_player_that_was_killed_and_started_again_is_no_rival_of_itself(ros):
+    """The graph lists the one that was killed for another 20 s."""
+    simulating = ros.simulator("scene:=three_contacts_one_way", hear=("joint_states", "/diagnostics"))
+    topic, said = "joint_trajectory", "publishers command this crawler"
+    first = ros.start("crawler_ros.node.gait_player")
+    wait_until(lambda: status(ros, "commands") and value(ros, "commands", f"received on {topic}") >= "1", what="a plan")
+    first.process.kill()
+    ros.start("crawler_ros.node.gait_player")
+    wait_until(lambda: len(publishers_of(ros.node, topic)) == 2, what="both in the graph")
+    wait_until(lambda: len(publishers_of(ros.node, topic)) == 1, what="the end of the first in the graph")
+    assert said not in simulating.said
+    ros.start("crawler_ros.node.gait_player")
+    wait_until(lambda: said in simulating.said, what="a line about the third")
+
+
+def test_two_publishers_of_friction_are_rivals(ros):
+    simulating = ros.simulator()
+    topic = "friction_controller/commands"
+    both = [Sender(ros, topic) for _ in range(2)]
+
+    def are_told() -> bool:
+        for sender in both:
+            sender.send(topic, encode_array([0.5]))
+        return f"2 publishers command this crawler at once (/listener on {topic})" in simulating.said
+
+    wait_until(are_told, what="a line in the log")
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

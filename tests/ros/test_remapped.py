@@ -17,6 +17,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.show.compare import compare_all
 from crawler_ros.viewer.frames import frames_of_recording
 from crawler_ros.viewer.visualizer import draw_recording
+from crawler_ros.wire.topics import read_topics
 
 from ..commands import crawler
 from ..recordings import attachments, messages, play, write
@@ -58,8 +59,11 @@ def recordings(tmp_path_factory) -> dict[str, Path]:
                 count = len(heard)
                 ros.publish(name, command, table_name="actuation_controller/commands")
                 wait_until(lambda h=heard, n=count: len(h) > n, what=f"the answer of {case}")
-        for process in processes.values():
+        for case, process in processes.items():
+            listed = [name_of(cases[case], name) for name, topic in read_topics().items() if topic.direction == "in"]
+            assert f"waiting for commands on {', '.join(listed)}; services " in process.said
             assert process.end() == 0, process.said
+            assert "no command was received" not in process.said
     return {case: next((folder / case).iterdir()) for case in cases}
 
 

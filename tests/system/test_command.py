@@ -202,6 +202,15 @@ def test_check_asks_about_millimetres_and_milliseconds(tmp_path):
     assert "?" not in good("check", "two_anchor_a")
 
 
+def test_check_asks_about_a_slope_in_radians(tmp_path):
+    document = load_scene("slope_climber").document()
+    for slope, asked in ((0.087, True), (-0.087, True), (5.0, False)):
+        document["ground"]["slope"] = slope
+        (tmp_path / "slope.yaml").write_text(json.dumps(document))
+        text = good("check", "slope.yaml", cwd=tmp_path)
+        assert (f"radians for degrees? ground.slope is {slope:g} degrees; {slope:g} rad would be" in text) == asked
+
+
 UNITS = {
     "strokes in millimetres": (
         "{contacts: [0, 0.2], links: {stiffness: 100}}, friction: {isotropic: 1}",

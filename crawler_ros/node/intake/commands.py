@@ -49,6 +49,8 @@ class CommandQueue:
         """Messages refused because the queue was full."""
         self.unheld = 0
         """Rows dropped because no equilibrium holds their loads, or the frictions of a point do not fit together."""
+        self.overdue = 0
+        """Trajectories that began when their last point was past, so that one tick followed them from end to end."""
         self.ended = False
         """Whether the commands ended in the tick that `take` took last: nothing that was taken goes on after it."""
         self._lengths = columns.lengths
@@ -332,7 +334,7 @@ class CommandQueue:
                 self._pending -= 1
                 self._pending_beside = 0
         if isinstance(turn, Trajectory):
-            self._path.join(turn, start_ns, end_ns, 0)
+            self._join(turn, start_ns, end_ns, 0)
             return self._path.follow(start_ns, end_ns)
         return self._pair([turn], beside, start_ns, end_ns)
 
@@ -372,4 +374,10 @@ class CommandQueue:
     def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:
         fresh = 0
         for trajectory in trajectories:
-            fresh = self._path.join(trajectory, now_ns, end_ns, fresh)
+            fresh = self._join(trajectory, now_ns, end_ns, fresh)
+
+    def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
+        """Let a trajectory replace the path as `Path.join` does, and count it if all of it is past."""
+        start_ns, lasts_ns = trajectory.start_ns, int(trajectory.times_ns[-1])
+        self.overdue += start_ns is not None and 0 < lasts_ns <= now_ns - start_ns
+        return self._path.join(trajectory, now_ns, end_ns, fresh)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import inspect
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from crawler_model import CommandError
+from crawler_model.body.drive import NS
 
 from ...wire.topics import Topic, open_subscription
 from .commands import CommandQueue
-from .peers import Arrivals, publishers_of
+from .peers import RIVAL_TOPICS, Arrivals, Turns, publishers_of
 from .received import read_array, read_trajectory
 from .refusals import Refusals, Throttle
 
@@ -44,8 +45,10 @@ class Intake:
         """
         self.refusals = Refusals(throttle)
         self.arrivals: dict[str, Arrivals] = {}
+        self._turns = {names: Turns() for names in RIVAL_TOPICS}
         self._commands, self._throttle, self._recorder = commands, throttle, recorder
         self._accepted = accepted
+        self._overdue = 0  # of the queue's, those that were logged
         self._lock = threading.Lock()
         array = _OVERHEAD_BYTES + 16 * columns
         points = min((4 * 8 * columns + 64) * commands.most_waiting, _LARGEST_BYTES)
@@ -68,11 +71,12 @@ class Intake:
         accept, most = self._handlers[topic.name]
         arrivals = self.arrivals[topic.name] = Arrivals()
         name, recorder = topic.name, self._recorder
+        (turns,) = (turns for names, turns in self._turns.items() if name in names)
 
         def receive(*arguments: Any) -> None:
             data, information = arguments if len(arguments) == 2 else arguments[0]
             with self._lock:
-                arrivals.add(information["publication_sequence_number"])
+                turns.add(name, arrivals.add(information["publication_sequence_number"]))
             if len(data) > most:  # too large to be passed on or recorded
                 text = f"{len(data)} bytes; a command of this scene has at most {most}"
                 self.refusals.add(name, text, self._commands.now_ns)
@@ -111,6 +115,38 @@ class Intake:
                 text = f"lost {lost} message(s) on {name}: they arrived faster than they could be read"
                 self._throttle.warn(f"lost {name}", text)
         return found
+
+    def find_rivals(self, publishers: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
+        """Describe publishers that replace each other's commands.
+
+        Args:
+            publishers: from `settle`.
+
+        Returns:
+            A line; empty when there are none.
+        """
+        with self._lock:
+            found = [turns.find({name: publishers[name] for name in names}) for names, turns in self._turns.items()]
+        return "; ".join(filter(None, found))
+
+    def warn_of_overdue(self, now_ns: int) -> None:
+        """Log the trajectories that were over before they began, since the last call.
+
+        Args:
+            now_ns: simulated time at which they began [ns].
+        """
+        count, self._overdue = self._commands.overdue - self._overdue, self._commands.overdue
+        if count:
+            text = (
+                f"{count} trajectory message(s) wholly in the past at simulated time {now_ns / NS:.9g} s, followed "
+                "within one tick: stamp trajectories with simulated time, or with 0 to begin at once"
+            )
+            self._throttle.warn("overdue", text)
+
+    @property
+    def received(self) -> int:
+        """Number of messages that arrived."""
+        return sum(a.received for a in self.arrivals.values())
 
     @property
     def lost(self) -> int:

@@ -1,4 +1,4 @@
-"""Limits of commands: one a thousand times as large as the body is a mistake and would cost precision everywhere."""
+"""Limits of commands: a length many times that of the body is a mistake, such as millimetres for metres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from crawler_model.body.body import Body
 from crawler_model.body.columns import Columns
 from crawler_model.errors import LARGEST, CommandError
 
-_LARGEST_RATIO = 1000.0
+_BODY_LENGTHS = 10.0
+"""Lengths of the body by which a link may change: more than twice what any scene of the gallery commands."""
+_FRICTION_RATIO = 1000.0
+"""The largest friction that is accepted, relative to the scene's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,8 @@ class Limits:
             return
         i = int(np.argmax(excess))
         column = columns + i if isinstance(columns, int) else columns[i]
-        source = "parameter limit.length" if column < self.lengths else "parameter limit.friction"
+        parameter = "limit.length, in m," if column < self.lengths else "limit.friction, in N,"
+        source = f"set the parameter {parameter} to accept more"
         if self.lengths - self.angles <= column < self.lengths:
             source = "a whole turn, or the largest angle of the drive"
         raise CommandError(f"{what}: {names[i]} is {values[i]:g}; at most {largest[i]:g} is accepted ({source})")
@@ -86,7 +90,7 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
 
     Args:
         scene: the scene that is commanded.
-        length: limit of a link's change of rest length [m]; 0 for a thousand times the body, or the largest command of
+        length: limit of a link's change of rest length [m]; 0 for ten lengths of the body, or the largest command of
             the scene's drive if that is more.
         friction: limit of a contact's friction [N]; 0 for a thousand times the largest in the scene, or the friction
             that holds the body stretched to a thousand times its length if that is more.
@@ -100,11 +104,11 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     lengths_of = np.concatenate(([1.0] * columns.links, spans))
     angles = columns.joints or 0
     spread = np.repeat(lengths_of, columns.actuation_sizes[: lengths_of.size])
-    longest = length or max(_LARGEST_RATIO * extent, (rows[:, : spread.size] * spread).max(initial=0.0))
+    longest = length or max(_BODY_LENGTHS * extent, (rows[:, : spread.size] * spread).max(initial=0.0))
     widest = max(2.0 * np.pi, rows[:, spread.size : columns.lengths].max(initial=0.0))
     ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
     ground = np.tile(ground, columns.sides)
-    strongest = friction or _LARGEST_RATIO * max(
+    strongest = friction or _FRICTION_RATIO * max(
         (rows[:, columns.lengths :][:, : columns.frictions] * ground).max(initial=0.0),
         body.stiffness.max(initial=0.0) * extent,
     )

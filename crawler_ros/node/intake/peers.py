@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-LENGTH_TOPICS = ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory")
+RIVAL_TOPICS = (
+    ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory"),
+    ("friction_controller/commands",),
+    ("load_controller/commands",),
+)
 """Topics whose commands replace each other."""
 _MOST_STREAMS = 64
+_TURNS, _WITHIN_S, _GONE_S = 3, 10.0, 25.0
+"""Publishers replace each other's commands if they have taken so many turns within this time, or have all been listed
+for longer than the graph lists one that was killed (20 s)."""
 
 
 class Arrivals:
@@ -21,33 +30,38 @@ class Arrivals:
         """Start with no message counted."""
         self.received = self.lost = 0
         self._last: list[int] = []
+        self._at = 0  # the sequence of the last message
         self._gaps = 0
         self._publishers: frozenset[bytes] = frozenset()
 
-    def add(self, number: int | None) -> None:
+    def add(self, number: int | None) -> int:
         """Count a message.
 
         Args:
             number: its sequence number; None where the middleware has none.
+
+        Returns:
+            Which of the sequences it continues.
         """
         self.received += 1
         if not number:
-            return
+            return self._at
         last = self._last
-        if len(last) == 1 and last[0] == number - 1:
-            last[0] = number
-            return
+        if self._at < len(last) and last[self._at] == number - 1:
+            last[self._at] = number
+            return self._at
         below = [k for k, n in enumerate(last) if n < number]
-        if not below:
+        nearest = max(below, key=last.__getitem__, default=None)
+        first = nearest is None or (last[nearest] != number - 1 and len(last) < len(self._publishers))
+        if nearest is None or first:  # the first of another publisher
             if len(last) < _MOST_STREAMS:
                 last.append(number)
-            return
-        nearest = max(below, key=last.__getitem__)
-        if last[nearest] != number - 1 and len(last) < len(self._publishers):
-            last.append(number)  # the first of another publisher
-            return
+                self._at = len(last) - 1
+            return self._at
         self._gaps += number - last[nearest] - 1
         last[nearest] = number
+        self._at = nearest
+        return nearest
 
     def settle(self, publishers: Iterable[bytes]) -> int:
         """Decide whether the gaps since the last call are losses.
@@ -67,6 +81,43 @@ class Arrivals:
             return 0
         self.lost += gaps
         return gaps
+
+
+class Turns:
+    """Notices publishers that replace each other's commands, whichever the graph lists."""
+
+    def __init__(self) -> None:
+        """Start before the first message."""
+        self._last: tuple[str, int] | None = None
+        self._times: deque[float] = deque(maxlen=_TURNS)
+        self._listed: frozenset[bytes] = frozenset()
+        self._since = 0.0
+
+    def add(self, topic: str, stream: int) -> None:
+        """Note a message.
+
+        Args:
+            topic: its topic.
+            stream: which sequence of the topic's messages it continues.
+        """
+        if self._last not in (None, (topic, stream)):
+            self._times.append(time.monotonic())
+        self._last = topic, stream
+
+    def find(self, topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:
+        """Describe the publishers if more than one commands.
+
+        Args:
+            topics: the publishers that the graph lists on each topic, by its name.
+
+        Returns:
+            A line; empty when no more than one does.
+        """
+        now, listed = time.monotonic(), frozenset(gid for found in topics.values() for gid, _ in found)
+        if listed != self._listed:
+            self._listed, self._since = listed, now
+        alternate = len(self._times) == _TURNS and now - self._times[0] < _WITHIN_S
+        return rivals_on_commands(topics) if alternate or now - self._since > _GONE_S else ""
 
 
 def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
