@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import gc
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -17,31 +18,6 @@ from numba.core.compiler_machinery import FunctionPass, register_pass
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering, NoPythonSupportedFeatureValidation
 
-# numba describes the arguments of a kernel anew in each pass: to list all fields of records took 7 % of the time. This
-# holds for other kernels of the process, too, and changes no description.
-types.Record.__repr__ = functools.cache(types.Record.__repr__)  # type: ignore[method-assign]
-
-
-def _resolve_once(resolve: Callable[..., Any]) -> Callable[..., Any]:
-    """Remember the signature that numba finds for a function and the types of its arguments, as of a sum of floats.
-
-    To try all candidates at each call took a tenth of the time.
-    """
-    known: dict[tuple[Any, ...], Any] = {}
-
-    def look_up(function: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws:
-            return resolve(function, context, args, kws)
-        call = function, context, args
-        if call not in known:
-            known[call] = resolve(function, context, args, kws)
-        return known[call]
-
-    return look_up
-
-
-_Function: Any = types.functions.BaseFunction
-_Function.get_call_type = _resolve_once(_Function.get_call_type)
 _GARBAGE = 50_000
 """Objects that are made before garbage is looked for while functions are compiled; at most 10 MB more are in use."""
 
@@ -223,6 +199,51 @@ class _Lowering(NativeLowering):  # type: ignore[misc]
         return _Borrower
 
 
+def _resolve_once(resolve: Callable[..., Any]) -> Callable[..., Any]:
+    """Remember the signature that numba finds for a function and the types of its arguments, as of a sum of floats.
+
+    To try all candidates at each call took a tenth of the time.
+    """
+    known: dict[tuple[Any, ...], Any] = {}
+
+    def look_up(function: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws:
+            return resolve(function, context, args, kws)
+        call = function, context, args
+        if call not in known:
+            known[call] = resolve(function, context, args, kws)
+        return known[call]
+
+    return look_up
+
+
+_Function: Any = types.functions.BaseFunction
+_SHORTCUTS: tuple[tuple[Any, str, Any], ...] = (
+    # numba describes the arguments anew in each pass: to list all fields of records took 7 % of the time
+    (types.Record, "__repr__", functools.cache(types.Record.__repr__)),
+    (_Function, "get_call_type", _resolve_once(_Function.get_call_type)),
+    # calls of Python around each call of LLVM, which took a tenth of the time
+    (llvm.ffi.lib._lock, "_cblist", []),
+)
+"""What stands in for parts of numba while a kernel is compiled: object, attribute and value."""
+
+
+@contextmanager
+def _shortcuts() -> Iterator[None]:
+    """Let the shortcuts stand in for parts of numba, and look for garbage rarely; numba's lock keeps others waiting."""
+    theirs = [getattr(owner, name) for owner, name, _ in _SHORTCUTS]
+    threshold = gc.get_threshold()
+    gc.set_threshold(_GARBAGE)
+    for owner, name, ours in _SHORTCUTS:
+        setattr(owner, name, ours)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*threshold)
+        for (owner, name, _), value in zip(_SHORTCUTS, theirs, strict=True):
+            setattr(owner, name, value)
+
+
 _IDLE = {
     "WithLifting",
     "InlineClosureLikes",
@@ -244,9 +265,7 @@ class Compiler(CompilerBase):  # type: ignore[misc]
     """The compiler of numba with two more passes, without idle ones, and with functions that borrow their arguments."""
 
     def compile_extra(self, func: Any) -> Any:
-        """Compile a function, with rarer garbage collection and without numba's callbacks around each call of LLVM.
-
-        Each took a tenth of the time.
+        """Compile a function.
 
         Args:
             func: the function.
@@ -254,15 +273,8 @@ class Compiler(CompilerBase):  # type: ignore[misc]
         Returns:
             What numba makes of it.
         """
-        lock: Any = llvm.ffi.lib._lock
-        threshold, timers = gc.get_threshold(), lock._cblist
-        gc.set_threshold(_GARBAGE)
-        lock._cblist = []
-        try:
+        with _shortcuts():
             return super().compile_extra(func)  # type: ignore[no-untyped-call]
-        finally:
-            gc.set_threshold(*threshold)
-            lock._cblist = timers
 
     def define_pipelines(self) -> list[Any]:
         """List the passes.

@@ -100,3 +100,24 @@ def test_all_memory_of_kernels_is_freed():
     allocated, freed, arrays, freed_arrays = map(int, run.stdout.split())
     assert arrays > 100
     assert (allocated, arrays) == (freed, freed_arrays)
+
+
+def test_a_compiled_kernel_leaves_numba_as_it_is_for_others(tmp_path):
+    code = """
+import llvmlite.binding as llvm
+from numba.core import codegen, types
+function, lock = types.functions.BaseFunction, llvm.ffi.lib._lock
+parts = lambda: (types.Record.__repr__, function.get_call_type, codegen.create_pass_builder, lock._cblist)
+theirs = parts()
+from crawler_model.compiled import compiled
+@compiled
+def plus(a, b):
+    return a + b
+assert plus(1.0, 2.0) == 3.0
+assert all(now is before for now, before in zip(parts(), theirs, strict=True))
+"""
+    script = tmp_path / "kernel.py"
+    script.write_text(code)
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=env)
+    assert done.returncode == 0, done.stderr
