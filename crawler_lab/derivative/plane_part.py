@@ -166,6 +166,9 @@ def _attempt(frame, rates, course, start, best):
 def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
     """Carry derivatives through a part of a ramp, in shorter parts where they have kinks.
 
+    The derivative of an implicit step follows from its equations by the implicit function theorem; walks of 1, 2, 3 ...
+    steps are extrapolated as the walks of the motion are, see `attempt` in `crawler_model/motion/plane/walk.py`.
+
     A point that starts at its end moves in some walks by a rounding error and in others not at all; its derivative
     would jump in some of them. It must rest in all.
 
@@ -201,6 +204,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
         for i in range(n):
             for c in range(2):
                 guess[i, c] = length * moved[i, c]
+        # walks over the next part
         part = course.part * length / (1.0 - course.part * done)
         sub = Course(
             now[0], course.target, now[1], course.d_target, 1.0 if course.part == done + length == 1.0 else part
@@ -211,6 +215,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
             continue
         if error == np.inf:
             return False, unique
+        # its end is the end of the motion, to the bit; rates there come from the last steps
         unique = unique and also
         done += length
         for i in range(n):
@@ -226,6 +231,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
                     rate[i, c, p] = best[first_rate + at * columns + p] / length
         for p in range(columns):
             d_work[p] += best[first_work + p]
+        # one more step there takes out what extrapolation leaves
         _command_on(course, course.part * done, now[0], now[1])
         solved, _ = solve_stage(frame, now[0], base, x, force, 0.0)
         if not solved:

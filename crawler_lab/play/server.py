@@ -188,6 +188,7 @@ class Server:
 
     async def _receive(self, client: Client, text: str) -> None:
         """Obey a message, or answer what is wrong with it."""
+        # parse
         client.heard = time.monotonic()
         try:
             message = json.loads(text)
@@ -196,10 +197,12 @@ class Server:
         except (ValueError, RecursionError):
             await client.socket.send_json({"error": "message: it must be a JSON object"})
             return
+        # a page confirms the frames that it has drawn
         if "seen" in message:
             client.seen = max(client.seen, message["seen"] if type(message["seen"]) is int else 0)
             self._notify()
             return
+        # a request: anybody may take the hand or ask for a link, all else is for who has it
         try:
             if message.get("take"):
                 self.robot.hold("another page took the hand")

@@ -180,6 +180,7 @@ def observe(lane, clock, plan, first, log):
     axes, kind = settings[AXES], settings[KIND]
     width, feet = (at[JOINTS + 1] - at[JOINTS]) // 3, (at[FEET + 1] - at[FEET]) // 3
     memory, result, observation = part(lane, plan, MEMORY), part(lane, plan, RESULT), part(lane, plan, OBSERVATION)
+    # positions and efforts of the joints, velocities of the contacts, and what is commanded
     filled = 0
     for row in (0, 2):
         for j in range(at[JOINTS] + row * width + axes, at[JOINTS] + (row + 1) * width):
@@ -191,6 +192,7 @@ def observe(lane, clock, plan, first, log):
     for column in plan.observed:
         observation[filled] = lane[at[ROW] + column]
         filled += 1
+    # where the body is along the direction of the task
     along = 0.0
     for d in range(axes):
         memory[d] = 0.0
@@ -201,6 +203,7 @@ def observe(lane, clock, plan, first, log):
         memory[axes + FURTHEST] = memory[axes + BEGAN] = result[ALONG] = along
     else:
         clock[STEP] += 1
+    # what the task asks for, and what the step gained of it
     gained = along - result[ALONG]
     distance = 0.0
     if kind == TRAVEL:
@@ -223,12 +226,14 @@ def observe(lane, clock, plan, first, log):
         distance = math.sqrt(distance)
         gained = memory[axes + DISTANCE] - distance
     memory[axes + DISTANCE] = distance
+    # noise and bounds of the observation
     sigma = lane[at[SIGMA]]
     for o in range(filled):
         value = observation[o]
         if sigma > 0.0:
             value += sigma * plan.spans[SCALE, o] * _draw(clock)
         observation[o] = min(max(value, -plan.spans[BOUND, o]), plan.spans[BOUND, o])
+    # the reward: what was gained less the price of the work
     result[ALONG] = along
     result[SPENT] = 0.0 if first else lane[at[ACCOUNT] + WORK]
     result[GAINED] = 0.0 if first else gained

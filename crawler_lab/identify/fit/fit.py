@@ -188,11 +188,13 @@ def find_fit(
     nearby: list[np.ndarray] = []
     left = np.inf
     begin = clock()
+    # starts on few rows, until a fit leaves noise alone or two independent starts end alike
     try:
         for k, (family, start) in enumerate(generate_starts(coarse, rng)):
             spent = (clock() - begin) / seconds if seconds else np.inf
             if spent >= 1.0 and (k >= starts or (seconds == 0.0 and best is not None)):
                 break
+            # a kick starts near the best fit, first with contacts sliding that never do in it
             if family == "kick" and best is not None:
                 if best.cost < left * (1.0 - _SAME_MINIMUM):
                     left, nearby = best.cost, reach_held(coarse, best.unknowns, best.residuals.jacobian)
@@ -205,6 +207,7 @@ def find_fit(
                 best = found
             if best is None:
                 continue
+            # is it good enough?
             ends += [] if family == "kick" else [(costs[-1], family)]  # it is related to the best
             same = {family for cost, family in ends if cost <= best.cost * (1.0 + _SAME_MINIMUM)}
             size = _find_size(coarse, best)
@@ -220,6 +223,7 @@ def find_fit(
         interrupted = True
     if best is None:
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
+    # the best one on all rows, with the noise
     if coarse is not problem and not interrupted:  # to go on there costs less
         best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
     fit = _refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)

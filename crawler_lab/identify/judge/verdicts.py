@@ -253,6 +253,9 @@ def judge(
 ) -> tuple[Parameter, ...]:
     """Write the verdict on each parameter.
 
+    The first of these that holds: the motion does not depend on it; noise hides it; only a combination with others is
+    determined, of which it is held or not; the fit ended at its bound; its interval has one end; it is identified.
+
     Args:
         fit: its end, with the held parameters at the scene's values.
         structure: from `find_structure`.

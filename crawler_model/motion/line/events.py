@@ -97,7 +97,10 @@ def _set_rates(contacts, springs, model, ramp, count):
 
 @inlined
 def _hold_sides(contacts, springs, model, ramp, count):
-    """Put the contacts of a solved block onto their bounds, or let them leave, and find their next events."""
+    """Put the contacts of a solved block onto their bounds, or let them leave, and find their next events.
+
+    A contact that was at its bound stays there if it slides, or if the rate of its force is the rate of the bound.
+    """
     block, s = model.block, ramp.s
     for j in range(count):
         e = block[j]
@@ -111,25 +114,25 @@ def _hold_sides(contacts, springs, model, ramp, count):
             side = 1 if e.force >= e.upper - close else (-1 if e.force <= e.lower + close else 0)
         if side != 0 and not c.at & (FORWARD if side > 0 else BACKWARD):
             side = 0  # it has just come to rest on a border beyond which the ground holds more
-        c.side = side
+        c.side = side  # the force then changes with the bound, and starts from it without rounding
         c.force_rate = e.force if side == 0 else (e.upper if side > 0 else e.lower)
         held = 0
         if side != 0:
             held = FORWARD if side > 0 else BACKWARD
             c.force = c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
-            if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:
+            if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:  # no room between the bounds
                 held = FORWARD | BACKWARD
-        c.leaving = c.at & ~held
+        c.leaving = c.at & ~held  # it counts as at the bound for this instant, see `settle`
         note_state(model.pieces, ramp, c, e.contact)
         leave_border(c, model.ground, ramp, e.contact)
         follow_ground(c, model.ground, ramp, e.contact)
         schedule_next(contacts, springs, model, ramp, e.contact)
-        if ramp.path == 0:
+        if ramp.path == 0:  # springs of a graph lead to walls, whose forces change with the velocity
             for k in range(c.first, c.last):
                 end = model.ends[k]
                 if contacts[end.other].mark != ramp.block and not is_flat(springs[end.spring], model.curves):
                     _touch_wall(contacts, springs, model, ramp, end.other)
-    if ramp.path > 0:
+    if ramp.path > 0:  # a path has one wall at each end
         if ramp.before >= 0:
             _touch_wall(contacts, springs, model, ramp, ramp.before)
         if ramp.behind >= 0 and ramp.behind != ramp.before:
@@ -354,6 +357,9 @@ def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
 def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
 
+    At each event: which contacts slide, and how fast, in the blocks around what has changed; then the translation where
+    friction does not determine it; then the earliest next event of all contacts.
+
     Args:
         ramp: the RAMP; at the end `s` is the place that was reached, to which contacts and springs have yet to advance.
 
@@ -366,16 +372,19 @@ def follow_events(contacts, springs, model, ramp):
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
+        # rates
         if ramp.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
             over = _is_over(contacts, springs, ramp)
             _give_up(contacts, springs, model, ramp, count)
             return DONE if over else UNSOLVED
+        # a contact whose bound has fallen below its force jumps: commands rest until it is held again
         if ramp.due > 0:
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue
         _schedule_resting(contacts, springs, model, ramp)
         _choose(contacts, springs, model, ground, model.curves, ramp, count)
         ramp.begun, count = 1, 0
+        # the next event
         s = contacts[find_earliest(contacts)].next
         note_piece(model.pieces, contacts, ramp, min(s, 1.0))
         if ramp.shifted:
@@ -386,6 +395,7 @@ def follow_events(contacts, springs, model, ramp):
                 continue
             if not ramp.falling:
                 return DONE
+            # the jump is over, and the ramp goes on
             count = end_fall(contacts, springs, model, ground, ramp, count)
             continue
         if ramp.effort > ramp.budget:

@@ -148,6 +148,13 @@ def _is_loose(ramp, block, curves, count):
 def find_sides(contacts, springs, model, ramp, count):
     """Find which contacts of the block slide, and the rates in it.
 
+    With K the stiffness of the springs, c the rates that commands give the forces, and u and -l the rates of the
+    bounds, the rates v of the displacements and r = c - K v of the forces solve
+
+        r_i = u_i,  v_i >= 0   or   r_i = l_i,  v_i <= 0   or   l_i <= r_i <= u_i,  v_i = 0,
+
+    where the limits that a contact is not at are infinite.
+
     Args:
         model: a `Model`, whose block is changed in place.
         ramp: the RAMP; `undetermined` is set if all slide, nothing holds them and friction balances.
@@ -161,12 +168,14 @@ def find_sides(contacts, springs, model, ramp, count):
     patience = ramp.patience if hurries else ramp.patience + count
     visits = 0 if ramp.stepping else ramp.soon * ramp.path
     projects = ramp.path > 0
+    # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
         found = search_sides(contacts, springs, model, model.ground, ramp, count)
         if found >= 0:
             return found > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
+        # a long path starts from its projection, which is solved in linear time
         if projects and turn * count >= visits:
             projects = False
             if _is_loose(ramp, block, model.curves, count):
@@ -174,6 +183,7 @@ def find_sides(contacts, springs, model, ramp, count):
             if wake_block(contacts, springs, block, model.runs, ramp, count):
                 return False
             project(model, ramp, count)
+        # where all slide, K is singular: one contact is kept at rest as the reference of the velocities
         brake, balances, side = -1, False, 0
         resting, last = _count_resting(ramp, block, count)
         if resting == 0 and not holds(block, model.ground, count):
@@ -182,6 +192,7 @@ def find_sides(contacts, springs, model, ramp, count):
                 return False
             side = block[brake].side
             block[brake].side = 0
+        # velocities of those that slide, forces on those that rest
         if ramp.path > 0:
             solve_path(block, count)
         else:
@@ -190,10 +201,11 @@ def find_sides(contacts, springs, model, ramp, count):
             return False
         if resting == 1:
             _balance(block, count, last)
-        if balances:
+        if balances:  # the reference slides, too, and the translation is free
             block[brake].side = side
             _center(block, count)
             block[brake].force = limit_of(block[brake])
+        # all that violate their condition change sides, or only the last one while their number does not fall
         found = _exchange(block, count, last_only)
         if found == 0:
             ramp.undetermined |= balances

@@ -123,6 +123,11 @@ def gap_of(frame, command, x, i, force):
 def linearise(frame, command, x, base, force, size, rows):
     """Compute by how much each point misses the law of friction, and the derivatives of that.
 
+    On ellipses the miss is u - P(u + rho d), see the beginning of this file: where u + rho d = z lies in the unit disc,
+    it is -rho d, and the point sticks; elsewhere it is u - n with n = z / |z|, whose derivatives come from
+
+        dn = (1 - n n^T) / |z| (du + rho dd).
+
     Args:
         base: displacements from which the points move, shape (N, 2) [m].
         force: from `pull`, shape (N, 2) [N].
@@ -141,6 +146,7 @@ def linearise(frame, command, x, base, force, size, rows):
         row[:] = 0.0
         if not abs(force[i, 0]) + abs(force[i, 1]) < np.inf:
             return np.inf, np.inf
+        # no friction: the force itself is the miss
         if most == 0.0:
             scale = size[i] if size[i] > 0.0 else 1.0
             row[0] = force[i, 0] / scale
@@ -158,6 +164,7 @@ def linearise(frame, command, x, base, force, size, rows):
             worst = max(worst, miss / (_CLOSE * rounding))
             largest = max(largest, miss)
             continue
+        # force and displacement along the axes of the ellipse, in the quadrants of the force and of the displacement
         cos, sin, _, _ = axis_of(frame, x, i)
         v0 = x[i, 0] - base[i, 0]
         v1 = x[i, 1] - base[i, 1]
@@ -179,6 +186,7 @@ def linearise(frame, command, x, base, force, size, rows):
         u1 = s1 / mu1
         z0 = u0 + r0 * w0
         z1 = u1 + r1 * w1
+        # it sticks
         length = math.sqrt(z0 * z0 + z1 * z1)
         rounding = _CLOSE * (1.0 + size[i] / least)
         if length <= 1.0 or (length <= 1.0 + SLACK * rounding and w0 == 0.0 and w1 == 0.0):
@@ -188,6 +196,7 @@ def linearise(frame, command, x, base, force, size, rows):
             worst = max(worst, miss / rounding)
             largest = max(largest, miss)
             continue
+        # it slides
         n0 = z0 / length
         n1 = z1 / length
         row[0] = u0 - n0
@@ -196,6 +205,7 @@ def linearise(frame, command, x, base, force, size, rows):
         miss = math.sqrt(row[0] * row[0] + row[1] * row[1])
         worst = max(worst, miss / rounding)
         largest = max(largest, miss)
+        # E = (1 - n n^T) / |z|: du counts with F = 1 - E, rho dd with -E
         e00 = n1 * n1 / length
         e01 = -n0 * n1 / length
         e11 = n0 * n0 / length
@@ -209,6 +219,7 @@ def linearise(frame, command, x, base, force, size, rows):
         row[7] = e00 * r0 * sin + e01 * r1 * cos
         row[8] = e01 * r0 * cos - e11 * r1 * sin
         row[9] = e01 * r0 * sin + e11 * r1 * cos
+        # what turns the axis by an angle turns s and w by its negative
         u_by0 = s1 / mu0
         u_by1 = -s0 / mu1
         d_by0 = r0 * w1

@@ -245,7 +245,11 @@ def _take(frame, state, target, part, best, after, account):
 
 @inner
 def _advance(frame, state, target, tolerance, velocity, books, best):
-    """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none."""
+    """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none.
+
+    Lengths are parts of the whole ramp, parts belong to what is left of it. `aim` is the event that is aimed at,
+    `wanted` the length that the tolerance allows; each trial corrects one of them.
+    """
     account, progress = books
     way = state[0], state[2], target
     n = velocity.shape[0]
@@ -257,6 +261,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     fastest = farthest(velocity, n)
     if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
         first += _BEYOND * tolerance / fastest
+    # where the first point starts, from the rates at the start
     aim = first * rest
     if fastest > 0.0:
         aim = snap(frame, place, aim, _BEYOND * tolerance * rest / fastest)
@@ -274,7 +279,9 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
         share = max(tolerance * max(length, _LEAST_SHARE), rounding)
         limits = max(share, _SPENT * progress[LEFT]), tolerance, longest / rest, determined
+        # a longer part may miss more: in proportion to its length, and what earlier parts have left
         outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
+        # an event lies within the part: aim at it, just beyond a start or just short of a stop
         if outcome == START:
             beyond = _BEYOND * tolerance
             aim = find_end(frame, place, length, error, longer, growth + (1.0 - growth) * beyond / error, beyond)
@@ -290,12 +297,14 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             crossed = length, excess
         elif outcome == LONG:
             wanted = growth * length
+        # no event: take the part if its error is paid for, else a shorter one
         else:
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
                 ending = limits[0], outcome == AT_END
                 solved, lasts, residual, shift = _settle(frame, state, target, part, best, after, ending)
                 settled = solved and lasts
+                # a fall that ends far away begins before the end of the part
                 if settled and shift > limits[0] and length > _LEAST_FALL:
                     aim = _SHORT_OF * length
                     continue

@@ -36,6 +36,7 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
         close = CRITICAL * most + _CLOSE * size[i]
         start = count
         single = False
+        # a disc: rest inside of it, and one normal on its circle
         if m == 0:
             strength = norm(force[i, 0], force[i, 1])
             if most <= 0.0:
@@ -45,6 +46,7 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
             single = True
             d0 = force[i, 0] / strength
             d1 = force[i, 1] / strength
+        # a polygon: a cone between the normals d_j of the two edges that meet at the force, or one normal on an edge
         else:
             first = -1
             last = -1
@@ -73,6 +75,7 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
                 last = j
             d0 = directions[last, 0]
             d1 = directions[last, 1]
+        # v_i + t on one ray: two half-planes for its line and one for its direction; two rays that cross fix t
         if single:
             if (ray[0] != 0.0 or ray[1] != 0.0) and abs(ray[0] * d1 - ray[1] * d0) > 10.0 * CRITICAL:
                 return -1
@@ -95,6 +98,9 @@ def _normal_cones(frame, command, velocity, force, size, normals, offsets):
 @inner
 def choose_translation(frame, command, base, x, force):
     """Add to a step of vector springs the translation of equal cost that brings its mean nearest to zero.
+
+    The cost sum_i R_i(v_i + t) - f_i . (v_i + t) is as low for every t with v_i + t normal to C_i at f_i: a convex
+    polygon of translations, of which the point nearest to the negative mean of v is chosen.
 
     Args:
         command: the command at the end of the step.
@@ -120,6 +126,7 @@ def choose_translation(frame, command, base, x, force):
     count = _normal_cones(frame, command, velocity, force, size, normals, offsets)
     if count < 0:
         return True
+    # the goal, and what is near but for rounding
     near = 0.0
     longest = 0.0
     goal0 = 0.0
@@ -131,6 +138,7 @@ def choose_translation(frame, command, base, x, force):
         near = max(near, CRITICAL * longest + 4.0 * EPS * (abs(x[i, 0]) + abs(x[i, 1])))
     if longest <= near:
         return True
+    # a goal inside of all half-planes is the answer; t = 0 is inside, whatever rounding makes of its offsets
     inside = True
     for c in range(count):
         if offsets[c] > -near:
@@ -147,7 +155,7 @@ def choose_translation(frame, command, base, x, force):
         u1 = normals[c, 0]
         least = -np.inf
         most = np.inf
-        for o in range(count):
+        for o in range(count):  # the other half-planes leave a part of the edge
             rise = normals[o, 0] * u0 + normals[o, 1] * u1
             need = offsets[o] - (normals[o, 0] * p0 + normals[o, 1] * p1)
             if abs(rise) <= 10.0 * CRITICAL:

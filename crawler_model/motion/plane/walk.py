@@ -286,6 +286,10 @@ def _missed(frame, way, moved, force, negligible):
 def attempt(frame, way, part, velocity, force, limits, best):
     """Compute the displacement over a part of the way and its error.
 
+    Walks of 1, 2, 3 ... implicit steps are extrapolated in 1 / steps (Aitken and Neville), whose error is a series in
+    that; the last change is the error. All of it holds as long as the same points slide in all steps, so a part ends
+    where one starts or stops.
+
     Args:
         way: displacements at the start, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
         part: part of the way to the target.
@@ -323,6 +327,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
         if not solved:
             return FAILED, np.inf, 0.5, True
         last = error
+        # after the first walk: is it exact already, or is there an event within the part?
         if pieces == 1:
             if farthest(best, n) == 0.0:
                 return TAKEN, 0.0, 4.0, True
@@ -340,6 +345,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
                 return CROSS, np.inf, crossing, unique
         elif not _same_points(one, slid, pieces, negligible):
             return TAKEN, np.inf, 0.5, unique
+        # a point that turns back has stopped before
         stop = find_stop(velocity, part, best, step, pieces, negligible)
         if stop < 1.0:
             return STOP, np.inf, stop, unique
@@ -353,6 +359,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
             growth = _growth(allowed, error, last, pieces)
             if error <= allowed or (pieces > 2 and error > _CONVERGING * last):
                 break
+        # the next walk starts from shorter steps of the same kind
         for i in range(n):
             for c in range(2):
                 step[i, c] = one[i, c] / (pieces + 1.0)

@@ -260,6 +260,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         found: the comparison.
         screen: the console to print to.
     """
+    # the runs, and what differs in their set-ups, commands and motion
     one, two = found.first, found.second
     for letter, run in (("A", one), ("B", two)):
         name = "scene not known" if run.scene is None else run.scene.name
@@ -277,6 +278,7 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         )
     if found.unpaired:
         screen.print(found.unpaired)
+    # a row each: gain of the cycles, angles, energies, slips
     table = Table(*(Column(name, justify="right") for name in ("", "A", "B", "B - A")))
     if abs(one.seconds - two.seconds) > 1e-6:
         screen.print("the runs have different durations: work, energy and slips below are sums over each whole run")

@@ -153,6 +153,13 @@ def _put_on_bound(c, s):
 def _shift(contacts, springs, model, curves, ramp, s, until):
     """Add to the velocities of the present part the admissible translation that is nearest to no net translation.
 
+    With all contacts at their bounds the body may move by any t that minimises the dissipation less the pull of what
+    it is tied to,
+
+        sum_i f_i max(v_i + t, 0) + b_i max(-v_i - t, 0)  -  p t,
+
+    which is convex and piecewise linear in t: an interval, whose ends bring a contact to rest ([G] Remark 9).
+
     Its interval is kept for `note_interval`. The friction in the middle of the stretch, which begins at s and ends at
     `until`, counts: it may vanish at an end. Where contacts represent lengths of ground, an interval may be an artefact
     of the mesh: if at its middle the two ends of an element with friction slide in opposite directions, a point at rest
@@ -170,11 +177,13 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
         size = max(size, abs(c.v))
         total += (c.forward + middle * c.d_forward) + (c.backward + middle * c.d_backward)
         pull += find_pull(contacts, springs, model, curves, i)
+    # the interval: where the slope of the dissipation is the pull, but for rounding
     if curves is not None:
         total = max(total, ramp.friction)  # a part without friction may balance flat springs but for rounding
     below = np.nextafter(pull - CRITICAL * total, -np.inf)
     least = _find_quantile(contacts, block, curves, ramp, middle, below)
     most = _find_quantile(contacts, block, curves, ramp, middle, pull + CRITICAL * total)
+    # flat springs at the ends of the part must stay flat
     slower, faster = least, most  # what friction admits
     if not ramp.stepping:
         low, high = _limit(contacts, springs, block, curves, ramp, 0.0)
@@ -183,11 +192,13 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
     if until > s:
         low, high = _limit(contacts, springs, block, curves, ramp, until - s)
         least, most = min(max(least, low), most), max(min(most, high), least)
+    # the choice
     chosen = min(max(-net / weight if curves is not None else -net, least), most)
     center = 0.5 * (least + most)
     several = least < most and abs(center) < np.inf
     if several and _is_held_inside(contacts, springs, block, curves, ramp, middle, center):
         chosen = slowest = fastest = center
+    # contacts go on at the bound that opposes them
     most_v = 0.0
     for r in range(first, last):
         c = contacts[member(block, curves, r)]
