@@ -14,6 +14,9 @@ from numpy.typing import ArrayLike
 
 from .errors import LARGEST, CommandError, SceneError
 
+FLOAT = np.dtype(np.float64)
+"""The type of nearly all arrays, which they share: to compare it by identity costs nothing."""
+
 
 def spread(values: Any, size: int, field: str, item: str) -> np.ndarray:
     """Spread one number over all entries, or check that there is one per entry.

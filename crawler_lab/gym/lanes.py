@@ -89,11 +89,11 @@ class Lanes:
         self._blocks: list[tuple[Any, ...]] = []
         for first, last in itertools.pairwise(edges):
             some = slice(first, last)
-            ramps, memory = motion.scratch()
-            ramps["budget"], ramps["exact"] = default_budget(body), True
+            scratch = motion.scratch()
+            scratch.budget[0], scratch.exact[0] = default_budget(body), True
             bodies = (self._bodies[0][some], self._bodies[1][some])
             state = (self._memory[some], self._clocks[some], bodies, self.actions[some])
-            self._blocks.append((*state, self._readings, (ramps, memory), self.log[some]))
+            self._blocks.append((*state, self._readings, scratch[:2], self.log[some]))
         self._first = self._blocks[0]
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
 

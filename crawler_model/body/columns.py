@@ -81,6 +81,15 @@ class Columns:
         return int(self.actuation_sizes.sum())
 
     @functools.cached_property
+    def plain_lengths(self) -> tuple[int, ...] | None:
+        """Shape of the lengths of a command that has a number for each column; None where parts have several."""
+        sizes = self.actuation_sizes
+        each = int(sizes[0]) if self.planar is not None and sizes.size else 1
+        if (sizes != each).any():
+            return None
+        return (sizes.size,) if each == 1 else (sizes.size, each)
+
+    @functools.cached_property
     def frictions(self) -> int:
         """Number of columns that hold friction."""
         return self.sides * int(self.friction_sizes.sum())

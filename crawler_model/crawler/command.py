@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import check_numbers
+from ..arrays import FLOAT, check_numbers
+from ..body.columns import Columns
 from ..body.directions import check_directions
 from ..body.plan import Plan
 from ..body.turning import check_sides
-from ..errors import CommandError, SceneError
+from ..errors import LARGEST, CommandError, SceneError
 
 
 def write_command(
@@ -37,6 +38,12 @@ def write_command(
         CommandError: if a value is invalid; the message names the first one.
     """
     columns = scene.columns
+    if before is not None and forward is None and backward is None and loads is None:
+        lengths = _read_lengths(columns, actuation)
+        if lengths is not None:
+            row = before.copy()
+            row[: lengths.size] = lengths
+            return row
     planar = columns.planar is not None
     row = np.full(columns.count, np.nan) if before is None else before.copy()
     half = columns.lengths + int(columns.friction_sizes.sum())
@@ -62,6 +69,18 @@ def write_command(
             _check_by_direction(scene, array.reshape(sizes.size, each))
         row[first : first + int(sizes.sum())] = array if each > 1 else np.repeat(array, sizes)
     return row
+
+
+def _read_lengths(columns: Columns, actuation: ArrayLike) -> np.ndarray | None:
+    """Read what most commands hold, one finite number a column, in a few calls; None if it needs a closer look."""
+    try:
+        array = np.asarray(actuation)
+    except ValueError:
+        return None
+    if array.shape != columns.plain_lengths or array.dtype is not FLOAT:
+        return None
+    flat = array.ravel()
+    return flat if flat.dot(flat) <= LARGEST else None
 
 
 def _check_by_direction(scene: Plan, friction: np.ndarray) -> None:

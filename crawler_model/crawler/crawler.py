@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import frozen
+from ..arrays import FLOAT, frozen
 from ..body.body import Body
 from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
@@ -21,6 +21,9 @@ from .step import Step
 
 _SHOWN = {"net_translation": "m", "displacement": "m", "contact_state": "1", "tension": "N", "margins": "N"}
 """What a notebook shows of a crawler, with units."""
+
+_EMPTY_ACCOUNT = np.zeros(ACCOUNT_SIZE)
+_EMPTY_ACCOUNT[VISITED] = np.inf
 
 
 class Crawler:
@@ -276,15 +279,16 @@ class Crawler:
         Raises:
             CommandError: if a value is invalid; the message names the first one.
         """
-        return self._target(write_command(self.scene, self._row, actuation, forward, backward, loads))
+        row = write_command(self.scene, self._row, actuation, forward, backward, loads)
+        return np.array(self._target(row))
 
     def _target(self, row: np.ndarray) -> np.ndarray:
-        """Convert a row to a target; what it leaves out stays as it is in force."""
+        """Convert a row to a target, perhaps the row itself; what it leaves out stays as it is in force."""
         columns, state = self.scene.columns, self._state
-        if np.isnan(row).any():
+        if self._row is None and np.isnan(row).any():
             target = columns.held_target(row, state.commanded.ravel(), state.bounds, state.loads)
         else:
-            target = np.array(columns.target(row))
+            target = columns.target(row)
         columns.check_equilibrium(target, "command", CommandError)
         return target
 
@@ -321,8 +325,9 @@ class Crawler:
             CommandError: if the command is invalid; the state does not change.
         """
         row = write_command(self.scene, self._row, actuation, forward, backward, loads)
+        known = self._row is not None or not np.isnan(row).any()
         step = self.follow(self._target(row)[None])
-        self._row = None if np.isnan(row).any() else row
+        self._row = row if known else None
         return step
 
     def follow(self, targets: np.ndarray, records: np.ndarray | None = None, before: Step | None = None) -> Step:
@@ -341,11 +346,9 @@ class Crawler:
                 the state does not change.
         """
         flags = targets.flags
-        if targets.dtype != np.float64 or not (flags.c_contiguous and flags.writeable):  # one signature
+        if targets.dtype is not FLOAT or not (flags.c_contiguous and flags.writeable):  # one signature
             targets = np.array(targets, dtype=np.float64)
-        account = np.zeros(ACCOUNT_SIZE) if before is None else before.account.copy()
-        if before is None:
-            account[VISITED] = np.inf
+        account = _EMPTY_ACCOUNT.copy() if before is None else before.account.copy()
         jumps = self._motion.follow(
             self._state,
             self._scratch,
@@ -357,7 +360,8 @@ class Crawler:
         )
         self._row = None if targets.shape[0] else self._row
         velocity = self._state.gained.copy()
-        velocity.flags.writeable = account.flags.writeable = False
+        velocity.setflags(write=False)
+        account.setflags(write=False)
         return Step(velocity, account, self.body.share, jumps or ())
 
 

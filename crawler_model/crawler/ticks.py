@@ -60,11 +60,12 @@ def follow_ticks(
     accounts[:, VISITED] = np.inf
     line: Any = crawler._state
     motion: Any = crawler._motion
-    ramps, memory = crawler._scratch[0], motion.memory_for(line, crawler._scratch)
-    ramps["budget"], ramps["exact"] = crawler.budget, crawler.method == "exact"
+    scratch: Any = crawler._scratch
+    scratch.budget[0], scratch.exact[0] = crawler.budget, crawler.method == "exact"
     ticks = (first, seconds, read, readout.joints, readout.seen)
     output = (accounts, of_joints, of_contacts, moved)
-    _follow_ticks(line.contacts, line.springs, ramps, memory, targets, ticks, output)
+    memory = motion.memory_for(line, scratch)
+    _follow_ticks(line.contacts, line.springs, scratch.ramps, memory, targets, ticks, output)
     crawler._row = None if targets.shape[0] else crawler._row
     return accounts
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +22,21 @@ from .follow import follow
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
 from .springs.records import SLIDER_STATE
 
-Scratch = tuple[np.ndarray, tuple[Any, ...]]
-"""RAMP, shape (1,), and the fields of a `Model`."""
+
+class Scratch(NamedTuple):
+    """The working memory of ramps.
+
+    Attributes:
+        ramps: RAMP, shape (1,).
+        memory: the fields of a `Model`.
+        budget: its field, shape (1,); to look a field up takes as long as a short ramp.
+        exact: likewise.
+    """
+
+    ramps: np.ndarray
+    memory: tuple[Any, ...]
+    budget: np.ndarray
+    exact: np.ndarray
 
 
 @dataclass(eq=False)
@@ -60,8 +73,8 @@ class LineState:
 
     @property
     def gained(self) -> np.ndarray:
-        """Displacement gained in the last command, shape (N,) [m]."""
-        return self.contacts["gained"].copy()
+        """Displacement gained in the last command, shape (N,) [m]; a view."""
+        return self.contacts["gained"]
 
     @property
     def shape(self) -> np.ndarray:
@@ -215,7 +228,8 @@ class LineMotion:
         ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
         ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
-        return ramps, build.build_memory(self.body, self.track is not None and self.track.profile is not None)
+        memory = build.build_memory(self.body, self.track is not None and self.track.profile is not None)
+        return Scratch(ramps, memory, ramps["budget"], ramps["exact"])
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
         """Find the fields of a `Model` for a state: the memory's fields, and the sliders of the state.
@@ -227,7 +241,7 @@ class LineMotion:
         Returns:
             The fields.
         """
-        parts = scratch[1]
+        parts = scratch.memory
         return parts if state.sliders is None else (*parts[:7], (*parts[7][:3], state.sliders))
 
     def follow(
@@ -276,8 +290,8 @@ class LineMotion:
         pieces: np.ndarray,
     ) -> tuple[Jump, ...]:
         """Follow straight ramps to each of the targets in turn, at which actuators have the lengths given there."""
-        ramps, parts = scratch[0], self.memory_for(state, scratch)
-        ramps["budget"], ramps["exact"] = budget, exact
+        ramps, parts = scratch.ramps, self.memory_for(state, scratch)
+        scratch.budget[0], scratch.exact[0] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
         runs = parts[6] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
         memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, runs, parts[7])
@@ -331,16 +345,15 @@ class LineMotion:
             spent: output: work and dissipation since the start of the call at each end of a leg, shape (M, L, 2) [J].
             records: output: displacement, its rest and tension after each ramp, shape (M, V, 2 N + S).
         """
-        ramps, memory = scratch
-        ramps["budget"], ramps["exact"] = budget, True
+        scratch.budget[0], scratch.exact[0] = budget, True
         output = (accounts, spent, records)
         targets = np.ascontiguousarray(targets)
-        _follow_many(state.contacts, state.springs, ramps, memory, targets, (rows, legs), output)
+        _follow_many(state.contacts, state.springs, scratch.ramps, scratch.memory, targets, (rows, legs), output)
 
     def _describe_runaway(self, state: LineState, scratch: Scratch, direction: int) -> str:
         """Build the message about what nothing holds: a part of the body, or all of it on the ground it reaches."""
         side = "forward" if direction > 0 else "backward"
-        loose = abs(int(scratch[0]["loose"][0]))
+        loose = abs(int(scratch.ramps["loose"][0]))
         if (loose and self.body.bends) or self.track is None or state.feet is None:
             name = self.body.name_of(max(loose - 1, 0))
             return (
