@@ -238,6 +238,4 @@ def _print_account(run: Trajectory) -> None:
     if run.overspent:
         screen.print(f"[yellow]{run.overspent} ramp(s)[/] had too many events; catch-up steps completed them")
     if run.unsolved:
-        screen.print(
-            f"[yellow]{run.unsolved} ramp(s)[/] not solved: no sliding contacts were found; see the excess over a bound"
-        )
+        screen.print(f"[yellow]{run.unsolved} ramp(s)[/] not solved: see the excess over a bound and the residual")

@@ -15,3 +15,6 @@ SHORTEST_STRETCH = 1e-6
 tolerance, so such an instant seems to last as long as the slowest contact takes to cross that tolerance."""
 LATE = 0.999
 """Place on a ramp beyond which an arrival may coincide with the ramp's end except for rounding."""
+MISSED = 1e-6
+"""A force beyond its bound by more than this part of the friction, or an energy that is off by more than this part of
+the energies of a ramp, is no rounding: the ramp was not solved."""

@@ -15,7 +15,7 @@ import numpy as np
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError
 from crawler_model.run.account import average_displacement, tolerance_of
-from crawler_model.run.cycle import repeat_period
+from crawler_model.run.cycle import check_solved, repeat_period
 from crawler_model.run.screw import largest_distance
 from crawler_model.run.simulate import simulate
 from crawler_model.scene.scene import Scene
@@ -43,7 +43,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
 
     Returns:
         The regime, with NaN for the peak; its travel and speed belong to links, in the plane to their components. None
-        if the body loses its stability, or comes to ground on which nothing holds it.
+        if the body loses its stability, comes to ground on which nothing holds it, or is in a ramp that is not solved.
     """
     plan, targets = cycle.plan, cycle.plan.drive.targets
     body, period = plan.body, np.vstack((targets[2:], targets[1:2]))
@@ -77,7 +77,9 @@ def _average_periods(crawler: Crawler, period: np.ndarray, count: int) -> tuple[
     """Compute the mean gain [m] and work [J] of the next periods."""
     gain, work = 0.0, 0.0
     for _ in range(count):
-        work += crawler.follow(period).work
+        step = crawler.follow(period)
+        check_solved(step, "optimise")
+        work += step.work
         gain += float(average_displacement(crawler.body, crawler.gained[None])[0])
     return gain / count, work / count
 

@@ -230,7 +230,7 @@ def check_found(space: Space, found: Found) -> None:
     for unknowns, regime in zip(space.scenes, regimes, strict=True):
         if regime is None:
             unknowns.cycle(space.values(found.point))
-            raise CommandError("optimise: no gait can be followed exactly; its ramps have too many events")
+            raise CommandError("optimise: no gait can be followed exactly: its ramps are too long or not solved")
         if space.goal.excess(regime) > 0.0:
             raise CommandError(
                 f"optimise: no gait was found within the limits; one has {regime.peak:g} N and {regime.speed:g} m/s"

@@ -73,7 +73,7 @@ class ManyRuns(Tabular):
         unique: False if the translation was not determined on some stretch, shape (M,).
         events: number of linear pieces, shape (M,).
         overspent: number of ramps whose budget of work was exceeded, shape (M,).
-        unsolved: number of ramps in which the search for the sliding contacts failed, shape (M,).
+        unsolved: number of ramps that were not solved, shape (M,).
         periods: number of whole periods, shape (M,).
         kernel_s: time spent in compiled kernels, for runs that went together a share of the call's, shape (M,) [s].
         interrupted: True if Ctrl-C stopped the runs; completed runs are included.

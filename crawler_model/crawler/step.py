@@ -121,7 +121,7 @@ class Step:
 
     @property
     def unsolved(self) -> int:
-        """Number of ramps in which the active set of a graph did not converge; the certificate shows the error."""
+        """Number of ramps that were not solved: the certificate shows an error that is more than rounding."""
         return int(self.account[UNSOLVED])
 
     def _shown(self) -> list[str]:

@@ -112,7 +112,7 @@ class Total:
         unique: whether the translation was determined on every ramp.
         events: number of linear pieces.
         overspent: number of ramps whose budget of work was exceeded.
-        unsolved: number of ramps in which the search for the sliding contacts failed.
+        unsolved: number of ramps that were not solved.
     """
 
     visited: Any

@@ -25,6 +25,7 @@ from ..body.drive import NS
 from ..body.plan import Plan, check_plan
 from ..body.turning import TURNING_TOLERANCE
 from ..crawler.crawler import Crawler
+from ..crawler.step import Step
 from ..errors import CommandError
 from ..notebook import write_html
 from ..rounding import EPS
@@ -106,8 +107,8 @@ def limit_cycle(
         The periodic regime, or how far the run came.
 
     Raises:
-        CommandError: if the drive has no period, the body still comes to other ground when all periods are run, or an
-            argument is out of range.
+        CommandError: if the drive has no period, the body still comes to other ground when all periods are run, a ramp
+            is not solved, or an argument is out of range.
         SceneError: if `scene` is not a scene.
     """
     check_plan(scene, "limit_cycle")
@@ -158,6 +159,20 @@ def repeat_period(
     return run.finish(tolerance)
 
 
+def check_solved(step: Step, what: str) -> None:
+    """Refuse to judge a period of which a ramp was not solved.
+
+    Args:
+        step: the period.
+        what: what it is followed for.
+
+    Raises:
+        CommandError: if a ramp was not solved.
+    """
+    if step.unsolved:
+        raise CommandError(f"{what}: {step.unsolved} ramp(s) of a period were not solved; `simulate` shows the error")
+
+
 class _Periods:
     """Periods of a drive in progress."""
 
@@ -183,6 +198,7 @@ class _Periods:
         begin, yaw = crawler.displacement, crawler.yaw
         start = begin.ravel()
         step = crawler.follow(self.targets, self.records)
+        check_solved(step, "limit_cycle")
         x = self.records[:, : start.size]
         self.travel = float(np.abs(x - start).max())
         self.work = step.work

@@ -84,7 +84,7 @@ class Trajectory(Tabular):
             the path may have come closer in between: with catch_up, and for bodies of more than 256 contacts.
         events: number of linear pieces.
         overspent: number of ramps whose budget of work was exceeded; a catch-up step completed each of them.
-        unsolved: number of ramps in which the search for the sliding contacts failed; the certificate shows the error.
+        unsolved: number of ramps that were not solved; the certificate shows the error.
         ticks: number of ticks.
         wall_s: wall-clock time of the run [s].
         inertia: the inertia number; None for a scene without masses and weights.

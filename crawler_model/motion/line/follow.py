@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import entry, inlined, lean
+from ...rounding import MISSED
 from .. import state
 from .advance import advance, advance_spring
-from .block import settle
+from .block import settle, size_of_terms
 from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
@@ -25,6 +26,9 @@ from .step import take_step
 
 ENDS, FOLLOWS, STEPS = range(3)
 """How a ramp goes on after a part of it: not at all; from event to event; by one implicit step to its end."""
+
+_BLUR = 1e-9
+"""Part of the terms that a force or an energy is a sum of, by which they may be rounded."""
 
 
 @inlined
@@ -129,9 +133,10 @@ def _certify(contacts, springs, model, ramp):
     """Update the largest violations of the bounds, and of the rule that what slides is at its bound.
 
     The displacement that would bring the worst force back onto its bound is an estimate of the rounding of positions;
-    so is the displacement that the corrections of tensions lead to.
+    so is the displacement that the corrections of tensions lead to. A violation that no rounding explains is the error
+    of a ramp that was not solved.
     """
-    rounding, wrong = ramp.corrected, 0.0
+    rounding, wrong, missed, total = ramp.corrected, 0.0, 0.0, 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below, blocked = c.forward - c.force, c.backward + c.force, blocked_sides(model.ground, i)
@@ -139,14 +144,19 @@ def _certify(contacts, springs, model, ramp):
             above = np.inf
         if blocked & BACKWARD:
             below = np.inf
-        excess = -min(above, below)
+        excess, friction = -min(above, below), abs(c.forward) + abs(c.backward)
+        total += friction
         if excess > 0.0:
             ramp.violation = max(ramp.violation, excess)
             rounding = max(rounding, excess * _softest(springs, model.ends, c))
+            if excess > MISSED * friction:
+                missed = max(missed, excess - _BLUR * size_of_terms(contacts, springs, model.ends, c))
         if c.v != 0.0:
             wrong = max(wrong, abs(c.v * (above if c.v > 0.0 else below)))
     ramp.complementarity = max(ramp.complementarity, wrong)
     ramp.rounding += rounding
+    if ramp.exact and missed > _BLUR * total:
+        ramp.unsolved = 1.0
 
 
 @inlined
@@ -200,6 +210,21 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
 
 
 @lean
+def _judge_balance(contacts, springs, ramp, stored):
+    """Count a ramp as not solved if its energies do not balance, although no implicit step completed it."""
+    missed = abs(ramp.residual)
+    energies = abs(stored) + abs(ramp.stored) + abs(ramp.dissipation) + ramp.internal + abs(ramp.work)
+    if not ramp.exact or ramp.overspent or missed <= MISSED * energies:
+        return
+    for j in range(springs.shape[0]):
+        missed -= _BLUR * ramp.span * abs(springs[j].tension)
+    for i in range(contacts.shape[0]):
+        missed -= _BLUR * ramp.span * max(min(contacts[i].forward, contacts[i].backward), 0.0)
+    if missed > 0.0:
+        ramp.unsolved = 1.0
+
+
+@lean
 def _follow_ramp(contacts, springs, model, ramp, target):
     """Follow a ramp that has begun, in parts if need be; returns the energy stored at its end."""
     how = FOLLOWS if ramp.exact else STEPS
@@ -213,6 +238,7 @@ def _follow_ramp(contacts, springs, model, ramp, target):
         stored = _finish(contacts, springs, model, ramp, target)
         how = _continue(contacts, springs, model, model.ground, ramp, outcome)
         if how == ENDS or not _begin(contacts, springs, model, ramp, target):
+            _judge_balance(contacts, springs, ramp, stored)
             return stored
 
 

@@ -274,7 +274,7 @@ RAMP = np.dtype(
         ("gain_least", _FLOAT),  # what other translations would change the gain by [m]
         ("gain_most", _FLOAT),
         ("overspent", _FLOAT),  # 1 if the budget was spent
-        ("unsolved", _FLOAT),  # 1 if no rates were found
+        ("unsolved", _FLOAT),  # 1 if no rates were found, or if the certificate shows more than rounding
         ("number", _INT),  # of the ramp in the present call
         # on patches of ground
         ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it

@@ -457,6 +457,18 @@ def test_a_scene_that_has_no_best_gait_is_one_line(name, given, message):
         optimise(name, **given)
 
 
+def test_gaits_that_rounding_spoils_do_not_count():
+    """A force of 1e16 N/m in a body whose springs hold 0.4 N leaves no digits."""
+    trunk = {"name": "trunk", "from": 0, "to": 1, "stiffness": 1.0, "elements": 20}
+    trunk["friction"] = {"forward": 0.1, "backward": 1e16}
+    drive = {"times": [0, 0.5, 1], "period": 1, "actuation": [[0], [0.4], [0]]}
+    scene = Scene.model_validate({"name": "strong", "body": {"segments": [trunk]}, "drive": drive})
+    with pytest.raises(CrawlerError, match="no gait can be followed exactly"):
+        optimise(scene, "translation", free={"drive.actuation[1][0]": (0.3, 0.4)})
+    with pytest.raises(CrawlerError, match="2 ramp\\(s\\) of a period were not solved"):
+        limit_cycle(scene)
+
+
 def test_a_transient_that_dies_out_has_no_cost_of_transport():
     links = [{"stiffness": 8.5}, {"stiffness": 9.4}]
     links[1]["passive"] = {"stops": {"shortest": -0.01, "longest": 0.06, "stiffness": 100.0}}

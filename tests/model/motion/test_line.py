@@ -174,6 +174,30 @@ def test_a_critical_chain_is_followed_to_the_same_place_in_one_ramp_and_in_three
     assert abs(account[RESIDUAL]) < 1e-13
 
 
+@pytest.mark.parametrize("seeds", [(2249, 2527, 8188, 16332, 19275), range(300)])
+def test_friction_that_is_critical_to_the_last_digit_balances(seeds: Any) -> None:
+    """The first seeds let contacts begin to leave their bounds as the translation is chosen that holds them there."""
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 8))
+        back, unit = int(rng.integers(1, n)), rng.choice([0.1, 0.2, 0.3, 0.05, 1.0, 0.7])
+        friction = np.array([unit * (n - back), unit * back])
+        if rng.random() < 0.3:
+            friction = friction.round(3)
+        k, scale = float(rng.choice([2.0, 20.0, 5.0, 13.0])), float(rng.choice([0.05, 0.1, 0.3]))
+        lengths = [np.zeros(n - 1)]
+        for _ in range(int(rng.integers(2, 7))):
+            length = rng.choice([0, 0.3, 0.5, 1.0, 1.0, 0.0], size=n - 1) * scale * 5 * unit * n / k
+            nearly = rng.choice([0, 0, 1, -1], size=n - 1) * 2.0 ** -rng.integers(10, 45, size=n - 1)
+            lengths.append(length + nearly * scale)
+        cycle = [*lengths[1:], lengths[1]] if rng.random() < 0.5 else [*lengths[:-1], lengths[0]]
+        rows = np.array([[*length, *np.repeat(friction, n)] for length in [cycle[0], *3 * cycle[1:]]])
+        body = build_body([k] * (n - 1), [(i, i + 1) for i in range(n - 1)])
+        _, account = follow(LineMotion(body), rows, start=np.append(0.0, cycle[0].cumsum()))
+        assert account[VIOLATION] <= 1e-9 * friction.max(), seed
+        assert abs(account[RESIDUAL]) <= 1e-9 * friction.max(), seed
+
+
 def test_sliding_that_spreads_from_both_ends_by_one_contact_a_round_is_no_cycle() -> None:
     """A body of equal parts, stretched and released: one implicit step each."""
     n = 35

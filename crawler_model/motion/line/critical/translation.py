@@ -147,6 +147,7 @@ def _put_on_bound(c, s):
     else:
         c.at, c.side = BACKWARD, -1
         c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
+    c.leaving = 0
 
 
 @lean
@@ -205,7 +206,7 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
         c.v += chosen
         if abs(c.v) <= NOISE * size:
             c.v = 0.0
-        elif not ramp.stepping and not c.at & (FORWARD if c.v > 0.0 else BACKWARD):
+        elif not ramp.stepping and not c.at & ~c.leaving & (FORWARD if c.v > 0.0 else BACKWARD):
             _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
     if fastest > slowest and fastest - slowest > CRITICAL * most_v:
