@@ -167,7 +167,7 @@ def differentiate_part(frame, rates, course, way, rests, tangent, d_work):
     """Carry derivatives through a part of a ramp, in shorter parts where they have kinks.
 
     The derivative of an implicit step follows from its equations by the implicit function theorem; walks of 1, 2, 3 ...
-    steps are extrapolated as the walks of the motion are, see `attempt` in `crawler_model/motion/plane/walk.py`.
+    steps are extrapolated as in the motion itself, see `extrapolate_part` in `crawler_model/motion/plane/walk.py`.
 
     A point that starts at its end moves in some walks by a rounding error and in others not at all; its derivative
     would jump in some of them. It must rest in all.

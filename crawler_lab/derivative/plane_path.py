@@ -17,7 +17,7 @@ from crawler_model.motion.plane.elastic import pull
 from crawler_model.motion.plane.frame import Frame
 from crawler_model.motion.plane.friction import measure_margins
 from crawler_model.motion.plane.motion import build_plane_motion
-from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, glance
+from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, predict_first_slide
 from crawler_model.motion.plane.walk import AT_ONCE
 from crawler_model.motion.state import ACCOUNT_SIZE, VISITED, WORK
 from crawler_model.run.account import tolerance_of
@@ -309,7 +309,9 @@ class PlanePath:
         """Find the velocities with which the body would go on, shape (N, 2) [m per ramp]."""
         state, velocity = self._state, np.zeros_like(self._state.x)
         way = state.x, state.command, state.command + change
-        glance(self._motion.frame, way, AT_ONCE * self._motion.tolerance, velocity, np.empty(velocity.shape))
+        predict_first_slide(
+            self._motion.frame, way, AT_ONCE * self._motion.tolerance, velocity, np.empty(velocity.shape)
+        )
         return velocity
 
 

@@ -33,7 +33,7 @@ def follow(
     """Follow a drive with contacts that fall asleep in blocks of `shortest`, in leaves of `fan`."""
     monkeypatch.setattr(build, "LONG", shortest)
     monkeypatch.setattr(build, "SHORTEST_BLOCK", shortest)
-    monkeypatch.setattr(build, "FAN", fan)
+    monkeypatch.setattr(build, "LEAF_SIZE", fan)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:

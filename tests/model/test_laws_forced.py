@@ -12,8 +12,8 @@ from crawler_model.motion.line import build
 from . import test_laws
 
 FORCED = {
-    "asleep": {"LONG": 2, "FAN": 2, "SHORTEST_BLOCK": 2},  # two contacts that slide side by side fall asleep
-    "projected": {"SOON": 0},  # every search for sides on a path begins with a projection
+    "asleep": {"LONG": 2, "LEAF_SIZE": 2, "SHORTEST_BLOCK": 2},  # two contacts that slide side by side fall asleep
+    "projected": {"PROJECTS_AFTER": 0},  # every search for sides on a path begins with a projection
     "one_by_one": {"PATIENCE": 0},  # every search exchanges contacts one by one, and steps are divided
     "few": {"FEW_CONTACTS": 0},  # critical states are looked for only where rates are new, margins where ramps end
     "knots": {"TOGETHER": 0, "TURNS": 0},  # springs pass knots one after another, by Murty's rule

@@ -24,7 +24,7 @@ BEGINS = 1e-300
 
 
 @inlined
-def settle(c, ramp):
+def leave_bounds(c, ramp):
     """Mark a contact as inside the bounds that it left before the present place on the ramp."""
     if c.leaving != 0 and c.since < place_of(c, ramp):
         c.at &= ~c.leaving
@@ -52,7 +52,7 @@ def list_contact(contacts, block, i, count):
 @inlined
 def _is_wall(c, ramp):
     """Determine whether a contact is strictly inside its bounds, and so rests; in an implicit step none is."""
-    settle(c, ramp)
+    leave_bounds(c, ramp)
     return c.at == 0 and not ramp.stepping
 
 

@@ -19,11 +19,11 @@ from .tournament import find_winners
 
 LONG = 256
 """Contacts of a chain that may have sleeping runs of contacts (`runs`)."""
-FAN = 8
+LEAF_SIZE = 8
 """Contacts of a leaf of the tree of runs, and parts of a larger one."""
 SHORTEST_BLOCK = 64
 """Contacts of a block from which they fall asleep."""
-SOON = 2
+PROJECTS_AFTER = 2
 """Visits of a row, for each contact of a path, after which it is solved by `project`, whence the search for sides goes
 on. An implicit step begins with it: it is far from the velocities before it, while an event changes few of them."""
 PATIENCE = 10
@@ -71,18 +71,18 @@ def order_contacts(body: Body) -> tuple[np.ndarray, int]:
 
 def _build_runs(contacts: int) -> np.ndarray:
     """Build the tree of runs of a long chain, all awake: RUN, leaves first, then level by level, shape (R,)."""
-    sizes = [-(-contacts // FAN)]
+    sizes = [-(-contacts // LEAF_SIZE)]
     while sizes[-1] > 1:
-        sizes.append(-(-sizes[-1] // FAN))
+        sizes.append(-(-sizes[-1] // LEAF_SIZE))
     runs = zeros(sum(sizes), RUN)
-    before, begin, width = 0, 0, FAN
+    before, begin, width = 0, 0, LEAF_SIZE
     for size in sizes:
         level, each = runs[begin : begin + size], np.arange(size)
         level["first"], level["last"] = width * each, width * (each + 1) - 1
         level["whole"] = (each > 0) & (level["last"] < contacts)
-        level["child"] = -1 if begin == 0 else before + FAN * each
-        level["parent"] = -1 if size == 1 else begin + size + each // FAN
-        before, begin, width = begin, begin + size, width * FAN
+        level["child"] = -1 if begin == 0 else before + LEAF_SIZE * each
+        level["parent"] = -1 if size == 1 else begin + size + each // LEAF_SIZE
+        before, begin, width = begin, begin + size, width * LEAF_SIZE
     return runs
 
 

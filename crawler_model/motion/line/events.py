@@ -11,7 +11,7 @@ import numpy as np
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL
 from .advance import advance, advance_spring
-from .block import BEGINS, find_block, list_contact, passes_guard, settle
+from .block import BEGINS, find_block, leave_bounds, list_contact, passes_guard
 from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
@@ -122,7 +122,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
             c.force = c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
             if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:  # no room between the bounds
                 held = FORWARD | BACKWARD
-        c.leaving = c.at & ~held  # it counts as at the bound for this instant, see `settle`
+        c.leaving = c.at & ~held  # it counts as at the bound for this instant, see `leave_bounds`
         note_state(model.pieces, ramp, c, e.contact)
         leave_border(c, model.ground, ramp, e.contact)
         follow_ground(c, model.ground, ramp, e.contact)
@@ -191,7 +191,7 @@ def _list_blocks(contacts, model, ramp, count):
     """List all contacts at bounds, each advanced to s; returns how many are listed."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        settle(c, ramp)
+        leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         if c.at != 0:
             count = list_contact(contacts, model.block, i, count)
@@ -204,7 +204,7 @@ def _stop(contacts, springs, model, ramp, i, count):
     c = contacts[i]
     for k in range(c.first, c.last):
         o = contacts[model.ends[k].other]
-        settle(o, ramp)
+        leave_bounds(o, ramp)
         if o.at != 0:
             count = list_contact(contacts, model.block, model.ends[k].other, count)
         else:
@@ -222,7 +222,7 @@ def _meet(contacts, springs, model, ramp):
     i = find_earliest(contacts)
     while contacts[i].next <= ramp.s:
         c = contacts[i]
-        settle(c, ramp)
+        leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         if is_due(c, model.ground, ramp, i):
             pass  # it falls with all others that do

@@ -8,7 +8,7 @@ from ...compiled import entry, inlined, lean
 from ...rounding import MISSED
 from .. import state
 from .advance import advance, advance_spring
-from .block import settle, size_of_terms
+from .block import leave_bounds, size_of_terms
 from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
@@ -83,7 +83,7 @@ def _finish_contacts(contacts, model, ramp, target, springs):
     n, bounds = contacts.shape[0], target[springs:]
     for i in range(n):
         c = contacts[i]
-        settle(c, ramp)
+        leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         finish_bounds(c, model.ground, ramp, bounds, i, n)
         c.force = 0.0

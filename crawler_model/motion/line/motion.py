@@ -225,8 +225,8 @@ class LineMotion:
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
         ramps = zeros(1, RAMP)
-        ramps["fan"], ramps["shortest"] = build.FAN, build.SHORTEST_BLOCK
-        ramps["soon"], ramps["patience"] = build.SOON, build.PATIENCE
+        ramps["leaf_size"], ramps["shortest"] = build.LEAF_SIZE, build.SHORTEST_BLOCK
+        ramps["projects_after"], ramps["patience"] = build.PROJECTS_AFTER, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         memory = build.build_memory(self.body, self.track is not None and self.track.profile is not None)
         return Scratch(ramps, memory, ramps["budget"], ramps["exact"])

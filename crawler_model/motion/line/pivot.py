@@ -166,7 +166,7 @@ def find_sides(contacts, springs, model, ramp, count):
     best, waited, last_only = count + 1, 0, False
     hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.patience if hurries else ramp.patience + count
-    visits = 0 if ramp.stepping else ramp.soon * ramp.path
+    visits = 0 if ramp.stepping else ramp.projects_after * ramp.path
     projects = ramp.path > 0
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):

@@ -233,9 +233,9 @@ RAMP = np.dtype(
         ("guards", _BYTE),  # ends of the path that neighbours at rest continue: BACKWARD, FORWARD
         ("woken", _BYTE),  # whether runs of the block woke, so that it must be found anew
         ("asleep", _BYTE),  # whether runs may be asleep
-        ("fan", _INT),  # number of contacts of a leaf, and of the parts of other runs
+        ("leaf_size", _INT),  # number of contacts of a leaf, and of the parts of other runs
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
-        ("soon", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
+        ("projects_after", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
         ("few", _INT),  # contacts up to which the margin is computed and all parts are looked at at every event
         ("together", _INT),  # knots passed at one place before they are passed one after another

@@ -5,7 +5,7 @@ Through a run of sliding contacts, velocity and rate of tension change like thro
     v_behind = v_before + stretch + compliance rate,    rate_behind = rate + rise,
 
 with `stretch` the velocity that its springs add if the rate before it is zero, and `rise` the sum of the rates of the
-forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, `ramp.fan` sleeping runs side
+forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, `ramp.leaf_size` sleeping runs side
 by side make a larger one. A block of n contacts then has some log n rows.
 
 A sleeping run integrates over s its velocity and its rate, and s times each of them; displacements, tensions and work
@@ -61,7 +61,7 @@ def _find_bounds(run, v, rate):
 def _wake_children(runs, run, ramp):
     """Hand what a run of runs has integrated to its children."""
     stretch = compliance = rise = 0.0
-    for k in range(run.child, run.child + ramp.fan):
+    for k in range(run.child, run.child + ramp.leaf_size):
         child = runs[k]
         child.v, child.rate, child.since = run.v + (stretch + compliance * run.rate), run.rate + rise, run.since
         child.time += run.time
@@ -170,7 +170,7 @@ def find_run(runs, ramp, i):
     """
     if runs is None or not ramp.asleep:
         return -1
-    k = i // ramp.fan
+    k = i // ramp.leaf_size
     if not runs[k].sleeps:
         return -1
     while runs[k].parent >= 0 and runs[runs[k].parent].sleeps:
@@ -254,14 +254,14 @@ def _sleeps_soundly(c, e):
 @lean
 def _form_leaf(contacts, springs, block, run, ramp, j):
     """Let the contacts of rows j .. fall asleep as a leaf if all of them slide; returns whether they do."""
-    for t in range(ramp.fan):
+    for t in range(ramp.leaf_size):
         e = block[j + t]
         c = contacts[e.contact]
         if not _sleeps_soundly(c, e) or c.at == FORWARD | BACKWARD:
             return False
     e = block[j]
     _begin_run(run, ramp, e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)
-    for t in range(ramp.fan):
+    for t in range(ramp.leaf_size):
         e = block[j + t]
         spring = springs[e.spring]
         run.stretch += spring.d_length + run.rise * spring.compliance
@@ -278,7 +278,7 @@ def _form_leaf(contacts, springs, block, run, ramp, j):
 def _join(runs, ramp, k):
     """Let run k and its siblings fall asleep as one run if all of them sleep in this block, and so on upwards."""
     p = runs[k].parent
-    while p >= 0 and runs[p].whole and runs[p].child + ramp.fan - 1 == k:
+    while p >= 0 and runs[p].whole and runs[p].child + ramp.leaf_size - 1 == k:
         parent = runs[p]
         for child in range(parent.child, k + 1):
             if not runs[child].sleeps or runs[child].mark != ramp.block:
@@ -302,10 +302,10 @@ def fall_asleep(contacts, springs, block, runs, ramp, count):
     j = 0
     while j < count:
         k, step = block[j].run, 1
-        if k < 0 and block[j].contact % ramp.fan == 0 and j + ramp.fan <= count:
-            leaf = block[j].contact // ramp.fan
+        if k < 0 and block[j].contact % ramp.leaf_size == 0 and j + ramp.leaf_size <= count:
+            leaf = block[j].contact // ramp.leaf_size
             if runs[leaf].whole and _form_leaf(contacts, springs, block, runs[leaf], ramp, j):
-                k, step, ramp.asleep = leaf, ramp.fan, 1
+                k, step, ramp.asleep = leaf, ramp.leaf_size, 1
         if k >= 0:
             _join(runs, ramp, k)
         j += step

@@ -28,7 +28,20 @@ from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
 from .stage import approach, solve_stage
 from .translation import choose_translation, is_held
-from .walk import AT_END, AT_ONCE, BORDER, CROSS, FAILED, LONG, START, STOP, TAKEN, attempt, command_at, walk
+from .walk import (
+    AT_END,
+    AT_ONCE,
+    BORDER,
+    CROSS,
+    FAILED,
+    LONG,
+    START,
+    STOP,
+    TAKEN,
+    command_at,
+    extrapolate_part,
+    take_equal_steps,
+)
 
 _GLANCE, _TURNING_GLANCE, _LONG_GLANCE, _SHORTER = 1e-6, 1e-5, 1e-4, 1e-2
 """Parts of a ramp in which velocities are measured: in general, of bodies that turn, where longer parts lose accuracy
@@ -98,7 +111,7 @@ def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
 
 
 @compiled
-def glance(frame, way, negligible, velocity, force):
+def predict_first_slide(frame, way, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
     Args:
@@ -153,7 +166,7 @@ def glance(frame, way, negligible, velocity, force):
 
 
 @inner
-def _settle(frame, state, target, part, best, after, limits):
+def _finish_part(frame, state, target, part, best, after, limits):
     """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
     The displacement, the dissipation and the work of the loads in `best` then extend to that end. `limits` has the
@@ -257,7 +270,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     rest = 1.0 - place
     force = np.empty((n, 2))
     after = np.empty((n, 2))
-    first, determined = glance(frame, way, AT_ONCE * tolerance, velocity, force)
+    first, determined = predict_first_slide(frame, way, AT_ONCE * tolerance, velocity, force)
     fastest = farthest(velocity, n)
     if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
         first += _BEYOND * tolerance / fastest
@@ -280,7 +293,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         share = max(tolerance * max(length, _LEAST_SHARE), rounding)
         limits = max(share, _SPENT * progress[LEFT]), tolerance, longest / rest, determined
         # a longer part may miss more: in proportion to its length, and what earlier parts have left
-        outcome, error, growth, unique = attempt(frame, way, part, velocity, force, limits, best)
+        outcome, error, growth, unique = extrapolate_part(frame, way, part, velocity, force, limits, best)
         # an event lies within the part: aim at it, just beyond a start or just short of a stop
         if outcome == START:
             beyond = _BEYOND * tolerance
@@ -302,7 +315,7 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
                 ending = limits[0], outcome == AT_END
-                solved, lasts, residual, shift = _settle(frame, state, target, part, best, after, ending)
+                solved, lasts, residual, shift = _finish_part(frame, state, target, part, best, after, ending)
                 settled = solved and lasts
                 # a fall that ends far away begins before the end of the part
                 if settled and shift > limits[0] and length > _LEAST_FALL:
@@ -394,8 +407,8 @@ def complete_ramp(fields, state, target, account, progress):
     after = np.empty((n, 2))
     if not approach(frame, target, x, after, np.empty((n, 2))):
         return False
-    walked, _ = walk(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
-    solved, _, residual, _ = _settle(frame, state, target, 1.0, best, after, (0.0, False))
+    walked, _ = take_equal_steps(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
+    solved, _, residual, _ = _finish_part(frame, state, target, 1.0, best, after, (0.0, False))
     if not (walked and solved):
         return False
     account[RESIDUAL] += residual

@@ -30,7 +30,7 @@ _AT_ONE_PLACE = 0.1
 BORDER = 1e-3
 """A force that changes to another quarter of its set within this part of an end of a part of the way does so there."""
 FAILED, START, STOP, CROSS, LONG, TAKEN, AT_END = range(7)
-"""Outcomes of `attempt`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
+"""Outcomes of `extrapolate_part`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
 another quarter of its set inside; steps of vector springs would not show how the forces settle; done, with some error;
 done in one step of vector springs, at whose end friction balances the forces."""
 
@@ -69,7 +69,7 @@ def work_of(frame, x, before, after):
 
 
 @inner
-def walk(frame, way, parts, step, total, slid):
+def take_equal_steps(frame, way, parts, step, total, slid):
     """Take part of the way in equal steps.
 
     Args:
@@ -283,7 +283,7 @@ def _missed(frame, way, moved, force, negligible):
 
 
 @inner
-def attempt(frame, way, part, velocity, force, limits, best):
+def extrapolate_part(frame, way, part, velocity, force, limits, best):
     """Compute the displacement over a part of the way and its error.
 
     Walks of 1, 2, 3 ... implicit steps are extrapolated in 1 / steps (Aitken and Neville), whose error is a series in
@@ -322,7 +322,7 @@ def attempt(frame, way, part, velocity, force, limits, best):
             expected[i, c] = step[i, c] = part * velocity[i, c]
     per_force = 1.0 / total if total > 0.0 else 0.0
     for pieces in range(1, _WALKS + 1):
-        solved, also = walk(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
+        solved, also = take_equal_steps(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
         unique = unique and also
         if not solved:
             return FAILED, np.inf, 0.5, True

@@ -114,7 +114,7 @@ def test_motion_account_and_interval_do_not_depend_on_which_contacts_sleep(
         if body.is_chain:
             monkeypatch.setattr(build, "LONG", 10**9)
             expected, other = follow(LineMotion(body), rows)
-            for name, value in (("LONG", 2), ("FAN", 2), ("SHORTEST_BLOCK", 2)):
+            for name, value in (("LONG", 2), ("LEAF_SIZE", 2), ("SHORTEST_BLOCK", 2)):
                 monkeypatch.setattr(build, name, value)
             x, account = follow(LineMotion(body), rows)
             np.testing.assert_allclose(x, expected, rtol=0, atol=1e-13, err_msg=str(number))

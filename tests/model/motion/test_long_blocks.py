@@ -10,7 +10,7 @@ import pytest
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.body.drive import NS
-from crawler_model.motion.line.build import FAN
+from crawler_model.motion.line.build import LEAF_SIZE
 
 from ...scenes import wave_scene
 from ..long_chains import NEVER, Row, assert_same, chain, follow
@@ -36,7 +36,7 @@ def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("fan", [2, FAN])
+@pytest.mark.parametrize("leaf_size", [2, LEAF_SIZE])
 def test_random_chains_move_as_if_awake(seed, fan, monkeypatch):
     assert assert_same(*drawn(seed), monkeypatch, fan=fan) > 4
 
@@ -67,7 +67,7 @@ def drawn_with_friction(seed: int) -> tuple[Scene, list[Row]]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-@pytest.mark.parametrize("fan", [2, FAN])
+@pytest.mark.parametrize("leaf_size", [2, LEAF_SIZE])
 def test_commanded_friction_moves_runs_as_contacts(seed, fan, monkeypatch):
     assert assert_same(*drawn_with_friction(seed), monkeypatch, fan=fan) > 4
 

@@ -10,7 +10,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, NOISE, SHORTEST_STRETCH
 from ..advance import advance
-from ..block import settle
+from ..block import leave_bounds
 from ..ground.falls import draw_all
 from ..ground.gradual import holds_body
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
@@ -290,7 +290,7 @@ def _begin_shift(contacts, springs, model, ramp):
     wake_all(contacts, springs, model.runs, ramp)
     draw_all(contacts, model, model.ground, ramp)
     for i in range(contacts.shape[0]):
-        settle(contacts[i], ramp)
+        leave_bounds(contacts[i], ramp)
         advance(contacts[i], ramp, ramp.s)
         if contacts[i].coming != KNOT:
             ramp.until = min(ramp.until, contacts[i].next)

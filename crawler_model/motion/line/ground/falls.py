@@ -16,7 +16,7 @@ import numpy as np
 
 from ....compiled import lean
 from ..advance import advance, advance_spring, place_of
-from ..block import list_contact, settle
+from ..block import leave_bounds, list_contact
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
 from ..tournament import schedule
 from .borders import (
@@ -117,7 +117,7 @@ def draw(contacts, model, ground, ramp, i):
     c = contacts[i]
     if not ramp.falling or c.since < 0.0:
         return
-    settle(c, ramp)
+    leave_bounds(c, ramp)
     advance(c, ramp, ramp.rests)
     c.forward += ramp.rests * c.d_forward
     c.backward += ramp.rests * c.d_backward
@@ -203,7 +203,7 @@ def _rewind(contacts, springs, model, ramp):
     """Advance what takes part in the present fall, and let its line begin anew from there."""
     for j in range(ramp.drawn):
         c = contacts[model.block[j].drawn]
-        settle(c, ramp)
+        leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         for k in range(c.first, c.last):
             spring = springs[model.ends[k].spring]

@@ -7,7 +7,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import EPS
 from ..advance import advance, advance_spring
-from ..block import list_contact, settle
+from ..block import leave_bounds, list_contact
 from ..ground.falls import draw, draw_spring
 from ..timing import schedule_next
 from .bends import change_piece, find_lengths, find_pieces, find_way, find_yielding, tension_on
@@ -51,7 +51,7 @@ def pass_knots(contacts, springs, model, curves, ramp, i, count):
         if model.ends[k].sign > 0.0 and spring.bend >= 0 and curves.bends[spring.bend].next <= ramp.s:
             ramp.passed += 1
             _pass_knot(contacts, spring, model.ground, curves, ramp)
-            settle(contacts[spring.b], ramp)
+            leave_bounds(contacts[spring.b], ramp)
             count = list_contact(contacts, model.block, spring.b, count)
             if passes_singly(curves, ramp):
                 break
@@ -89,7 +89,7 @@ def _time_contact(contacts, springs, model, ramp, i):
     """Advance a contact to s, and find its next event anew."""
     if ramp.falling:
         draw(contacts, model, model.ground, ramp, i)
-    settle(contacts[i], ramp)
+    leave_bounds(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
     schedule_next(contacts, springs, model, ramp, i)
 
