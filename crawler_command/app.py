@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from crawler_model import CrawlerError, __version__
-from crawler_ros.node.life.leave import STOPPED, replace_unprintable
+from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 
 from .executables import describe_missing
 from .many.compare import compare

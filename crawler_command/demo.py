@@ -63,7 +63,7 @@ def run_demo(out: Path, progress: ShowProgress) -> list[str]:
     Raises:
         DemoError: when a process fails or does not finish.
     """
-    from crawler_pictures.run.page import draw_run
+    from crawler_pictures.run.run_page import draw_run
     from crawler_ros.viewer.arrays import run_of_frames
     from crawler_ros.viewer.frames import frames_of_recording, thin
     from crawler_ros.viewer.visualizer import draw_recording

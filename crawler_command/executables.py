@@ -12,7 +12,7 @@ import signal
 import sys
 from typing import Any
 
-from crawler_ros.node.life.leave import STOPPED, leave_at_once, prepare_streams
+from crawler_ros.node.life.exit import STOPPED, leave_at_once, prepare_streams
 
 _EXTRA_OF = {
     "mcap": "viz",

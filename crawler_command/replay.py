@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from crawler_model import CrawlerError
-from crawler_ros.node.life.leave import STOPPED
+from crawler_ros.node.life.exit import STOPPED
 
 from .screen import (
     READERS,
@@ -244,7 +244,7 @@ class _Outputs:
                 names = self._tables.finish(found)
             written.append(f"written: {', '.join(names)} in {self._parquet}")
         if self._samples is not None and self._png is not None:
-            from crawler_ros.replay.show.page import draw_replay
+            from crawler_ros.replay.show.replay_page import draw_replay
 
             with whole_file(self._png) as part:
                 draw_replay(found, self._samples, part, self._two_columns)

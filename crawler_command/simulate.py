@@ -137,7 +137,7 @@ def simulate_command(
         with progress_bar("writing") as progress:
             write_tables(run, parquet, csv, progress)
     if png is not None:
-        from crawler_pictures.run.page import draw_run
+        from crawler_pictures.run.run_page import draw_run
         from crawler_pictures.run.trajectory import read_trajectory
 
         with whole_file(png) as part:

@@ -24,9 +24,9 @@ from crawler_model.run.account import tolerance_of
 from crawler_model.run.screw import gain_in_frame, to_frame
 
 from .parameters import Derivatives
-from .path import Stretch, Vertices
 from .plane_part import Course, differentiate_part
 from .plane_step import Rates
+from .tangent_path import Stretch, Vertices
 
 _TOLERANCE = 1e-8
 """Tolerance of the path, relative to its largest change of length."""

@@ -28,8 +28,8 @@ from ..sweep.keys import check_form, expand_keys, with_loads
 from .differences import differentiate_by_runs
 from .grids import RESOLVED, SIDES, average_grids, compare_sides, other_grids, tilt
 from .parameters import Derivatives, differentiate_arrays
-from .path import Stretch, TangentPath, Vertices, build_vertices
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
+from .tangent_path import Stretch, TangentPath, Vertices, build_vertices
 
 _CHUNK = 4096
 _MOST_NUMBERS = 200_000_000

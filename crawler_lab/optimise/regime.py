@@ -18,7 +18,7 @@ from crawler_model.run.repeats import determining_tension, tensions_repeat
 from crawler_model.scene.assembly import Assembly
 
 from ..derivative.parameters import Derivatives
-from ..derivative.path import TangentPath, Vertices
+from ..derivative.tangent_path import TangentPath, Vertices
 from .unknowns import Cycle
 
 _REPEATS, _REPEATS_EXACTLY = 1e-8, 1e-10

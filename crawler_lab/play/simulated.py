@@ -13,7 +13,7 @@ from crawler_model import CommandError, Scene, load_scene, prepare
 from crawler_model.run.ticks import RATE
 
 from .controls import read_speed
-from .keep import KEPT
+from .export import KEPT
 from .lessons import Lesson, read_lessons
 from .robot import PAST, Robot
 from .session import Session

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..colors import BACK, FORWARD, GREY, STICK
-from ..strokes import WORDS, friction_strokes
+from ..friction_marks import WORDS, friction_strokes
 from .camera import watch_plane
 from .film import Film
 from .panels import MOST_ARROWS, MOST_COILS, Rolling, chosen_contacts, chosen_springs, coils

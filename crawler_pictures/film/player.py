@@ -13,10 +13,10 @@ import numpy as np
 
 from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK, WALL, YIELDING
 from ..domain_text import FACE, SECTION
+from ..friction_marks import WORDS, friction_strokes
 from ..ground import list_sections, list_walls
 from ..run.kymograph import HEIGHT, MOST_LINES, WIDTH
 from ..run.pixels import divide, join_states
-from ..strokes import WORDS, friction_strokes
 from .camera import watch_plane, watch_set, watch_track
 from .film import Film
 from .moving_set import moving_set

@@ -11,7 +11,7 @@ from crawler_model.body.columns import Columns
 from crawler_model.crawler.step import Step
 from crawler_model.run.inertia import InertiaMeter
 
-from .intake.path import Vertex, Vertices
+from .intake.commanded_path import Vertex, Vertices
 
 
 def add_tick(

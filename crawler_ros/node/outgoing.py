@@ -21,7 +21,7 @@ from ..wire.messages import (
     encode_clock,
 )
 from ..wire.states import contact_names, joint_state_names, shown_contacts
-from .intake.path import Vertex
+from .intake.commanded_path import Vertex
 from .outlet import Outlet
 
 STATES = ("joint_states", "contact_states", "pose", "odom", "/clock")

@@ -22,7 +22,6 @@ from crawler_model.theory.uniqueness import commanded_margin
 from ..viewer.frames import time_jumps
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
-from .ahead import Ahead, compile_ticks
 from .counts import start_counts
 from .diagnostics import CommandCounts, TickCounts, diagnose
 from .inertia import add_tick, add_ticks
@@ -38,6 +37,7 @@ from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
 from .stepper import Stepper
+from .tick_batch import TickBatch, compile_ticks
 
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder
@@ -106,7 +106,7 @@ class Simulator(QuietNode):
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
         self.every = int(self.values["publish.every"])
         single = self.feed is not None or not runs_in_one_call(self.crawler)
-        self._ahead = None if single else Ahead(self.scene, self.outgoing, self.recorder, self.every)
+        self._ahead = None if single else TickBatch(self.scene, self.outgoing, self.recorder, self.every)
         self._next_diagnostics_ns = self._logged_lag_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(

@@ -12,12 +12,12 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import FORWARD, JUMP, rgb
 from crawler_pictures.film.camera import mark_ticks, round_step
 from crawler_pictures.film.panels import MOST_ARROWS, bows
+from crawler_pictures.friction_marks import WORDS, friction_strokes
 from crawler_pictures.marks import SLACK, STALLED, YIELDING, can_yield
-from crawler_pictures.strokes import WORDS, friction_strokes
 
 from .frames import Frame
 from .ground import JumpMarks, draw_ground
-from .looks import (
+from .style import (
     FAINT,
     MOVING,
     STATES,

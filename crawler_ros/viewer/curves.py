@@ -22,7 +22,7 @@ from crawler_pictures.run.pixels import divide, join_extremes, join_states
 
 from ..wire.states import station_names
 from .frames import Frame
-from .looks import BOTH, BOUND, LINE_NAMES, MOVING, STATES, color_of
+from .style import BOTH, BOUND, LINE_NAMES, MOVING, STATES, color_of
 
 MOST_ROWS = 128
 """Rows of contacts or links in a panel; where there are more, neighbours share a row."""

@@ -14,7 +14,7 @@ from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.colors import JUMP, WALL, rgb
 from crawler_pictures.ground import Section, list_sections, list_walls, trace_profile
 
-from .looks import line_radius
+from .style import line_radius
 
 _ROWS = 12  # lines that fill a band: a single thick one would have round ends beyond its borders
 _LETTER = 0.0145  # width of a letter in a window of the usual size, in body lengths

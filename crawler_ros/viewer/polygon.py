@@ -14,7 +14,7 @@ from crawler_pictures.domain_many import sides_of
 from crawler_pictures.film.camera import round_step
 
 from .frames import Frame
-from .looks import BOUND, MOVING, STATES, bounds_of_grid, build_flat_view, draw_grid
+from .style import BOUND, MOVING, STATES, bounds_of_grid, build_flat_view, draw_grid
 
 _TRAIL = 100
 

@@ -27,13 +27,13 @@ def follow(
     rows: list[Row],
     shortest: int,
     monkeypatch: pytest.MonkeyPatch,
-    fan: int = 3,
+    leaf_size: int = 3,
     **more: int,
 ):
-    """Follow a drive with contacts that fall asleep in blocks of `shortest`, in leaves of `fan`."""
+    """Follow a drive with contacts that fall asleep in blocks of `shortest`, in leaves of `leaf_size`."""
     monkeypatch.setattr(build, "LONG", shortest)
     monkeypatch.setattr(build, "SHORTEST_BLOCK", shortest)
-    monkeypatch.setattr(build, "LEAF_SIZE", fan)
+    monkeypatch.setattr(build, "LEAF_SIZE", leaf_size)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:
@@ -43,11 +43,11 @@ def follow(
 
 
 def assert_same(
-    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, fan: int = 3
+    scene: Scene, rows: list[Row], monkeypatch: pytest.MonkeyPatch, near: float = 1e-12, leaf_size: int = 3
 ) -> int:
     """Compare both paths relative to the motion; return the number of pieces."""
     short = follow(scene, rows, NEVER, monkeypatch)
-    long = follow(scene, rows, 8, monkeypatch, fan)
+    long = follow(scene, rows, 8, monkeypatch, leaf_size)
     stiffness = Crawler(scene).body.stiffness
     pieces = 0
     for (x, tension, step), (x_long, tension_long, step_long) in zip(short, long, strict=True):

@@ -5,8 +5,8 @@ import pytest
 
 from crawler_model import CommandError, Crawler, Scene, load_scene
 from crawler_ros.node.intake import commands as commands_module
+from crawler_ros.node.intake.commanded_path import CommandedPath, Trajectory, Vertex
 from crawler_ros.node.intake.commands import CommandQueue
-from crawler_ros.node.intake.path import Path, Trajectory, Vertex
 
 NS = 1_000_000_000
 TICK = NS // 100
@@ -200,7 +200,7 @@ def listed(vertices):
 @pytest.mark.parametrize("seed", range(40))
 def test_trajectories_join_the_path_as_defined(seed):
     rng = np.random.default_rng(seed)
-    path = Path(Vertex(0, np.zeros(2)))
+    path = CommandedPath(Vertex(0, np.zeros(2)))
     for tick in range(20):
         fresh = 0
         for _ in range(rng.integers(0, 6)):
@@ -225,7 +225,7 @@ def vertices_read(count):
             read += name == "due_ns"
             return super().__getattribute__(name)
 
-    path = Path(Read(0, np.zeros(2)))
+    path = CommandedPath(Read(0, np.zeros(2)))
     trajectory = Trajectory(None, [np.array([0])], np.arange(10) * TICK, np.ones((10, 1)))
     fresh = 0
     for _ in range(count):

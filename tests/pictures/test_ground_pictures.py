@@ -22,12 +22,12 @@ from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.body import draw_body, draw_length
 from crawler_pictures.colors import JUMP, WALL, rgb
 from crawler_pictures.ground import draw_walls, list_sections, trace_profile
-from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.run_page import draw_run
 from crawler_ros.replay import analyse
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
-from crawler_ros.viewer.page import screenshot
+from crawler_ros.viewer.instant import screenshot
 from crawler_ros.viewer.visualizer import Drawing, draw_recording, to_file
 
 from ..golden_pictures import GOLDEN, differences, read_figure

@@ -22,13 +22,13 @@ from crawler_command.app import main
 from crawler_model import Crawler, CrawlerError, load_scene, simulate
 from crawler_pictures.colors import BACK, FORWARD, TENSION, rgb
 from crawler_pictures.film.film import film_of_run
-from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.run_page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, thin
-from crawler_ros.viewer.looks import STICK
-from crawler_ros.viewer.page import DriverError, draw_instant, screenshot
+from crawler_ros.viewer.instant import DriverError, draw_instant, screenshot
+from crawler_ros.viewer.style import STICK
 from crawler_ros.viewer.visualizer import Drawing, to_file
 
 from ..processes import wait_until

@@ -20,8 +20,8 @@ from PIL import Image
 from crawler_command.app import main
 from crawler_model import CrawlerError, Scene, load_scene, simulate
 from crawler_pictures.colors import LINES
-from crawler_pictures.run.page import draw_run
 from crawler_pictures.run.plane import draw_friction, draw_plane
+from crawler_pictures.run.run_page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
 
 from ..golden_pictures import GOLDEN, TOLERANCE, differences, distance, words_of_figures

@@ -23,7 +23,7 @@ from crawler_model import load_scene, simulate
 from crawler_pictures.domain import draw_domain
 from crawler_pictures.film.film import film_of_run
 from crawler_pictures.film.stage import Stage
-from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.run_page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
 from crawler_pictures.style import own_style
 

@@ -16,7 +16,7 @@ from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene, simulate
 from crawler_pictures.colors import JUMP, rgb
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.page import draw_replay, read_replay
+from crawler_ros.replay.show.replay_page import draw_replay, read_replay
 from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.show.samples import Samples
 from crawler_ros.replay.show.tables import TableWriter

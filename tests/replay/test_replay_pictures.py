@@ -12,7 +12,7 @@ from crawler_model import Scene, load_scene
 from crawler_ros.replay import analyse
 from crawler_ros.replay.show.compare import compare_all
 from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
-from crawler_ros.replay.show.page import draw_replay
+from crawler_ros.replay.show.replay_page import draw_replay
 from crawler_ros.replay.show.samples import Samples
 
 from ..golden_pictures import GOLDEN, TOLERANCE, differences, distance, words_of_figures

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
-from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.run_page import draw_run
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 from crawler_ros.viewer.arrays import run_of_frames

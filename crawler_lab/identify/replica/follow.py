@@ -11,7 +11,7 @@ from crawler_model.errors import CommandError
 from crawler_model.scene.scene import Scene
 
 from ...derivative.parameters import Derivatives
-from ...derivative.path import TangentPath, Vertices, build_vertices
+from ...derivative.tangent_path import TangentPath, Vertices, build_vertices
 
 _BLOCK = 200_000
 """Derivatives that are computed at a time, so that they stay in the cache of the processor until they are stored."""

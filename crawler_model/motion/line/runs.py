@@ -5,8 +5,8 @@ Through a run of sliding contacts, velocity and rate of tension change like thro
     v_behind = v_before + stretch + compliance rate,    rate_behind = rate + rise,
 
 with `stretch` the velocity that its springs add if the rate before it is zero, and `rise` the sum of the rates of the
-forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, `ramp.leaf_size` sleeping runs side
-by side make a larger one. A block of n contacts then has some log n rows.
+forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, and as many sleeping runs
+side by side, `ramp.leaf_size`, make a larger one. A block of n contacts then has some log n rows.
 
 A sleeping run integrates over s its velocity and its rate, and s times each of them; displacements, tensions and work
 follow when it wakes. It wakes when one of its contacts may turn round: v_i differs from what it was when last looked at

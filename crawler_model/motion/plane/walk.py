@@ -30,7 +30,7 @@ _AT_ONE_PLACE = 0.1
 BORDER = 1e-3
 """A force that changes to another quarter of its set within this part of an end of a part of the way does so there."""
 FAILED, START, STOP, CROSS, LONG, TAKEN, AT_END = range(7)
-"""Outcomes of `extrapolate_part`: a step has no solution; a point starts inside; one stops inside; the force on one changes to
+"""Outcomes of `extrapolate_part`: a step has no solution; a point starts inside; one stops inside; a force changes to
 another quarter of its set inside; steps of vector springs would not show how the forces settle; done, with some error;
 done in one step of vector springs, at whose end friction balances the forces."""
 

@@ -12,8 +12,8 @@ from crawler_model.body.columns import Columns
 from crawler_model.errors import CommandError
 
 from . import checks
+from .commanded_path import CommandedPath, Trajectory, Vertex, Vertices
 from .limits import Limits
-from .path import Path, Trajectory, Vertex, Vertices
 from .received import wrong_point
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
@@ -68,7 +68,7 @@ class CommandQueue:
             self._pending = self._pending_beside = 0
             self.now_ns = self._tick_ns = 0
         self._in_force = np.array(in_force)
-        self._path = Path(Vertex(0, self._in_force))
+        self._path = CommandedPath(Vertex(0, self._in_force))
         self.ended = False
 
     @property

@@ -13,7 +13,7 @@ from typing import Any
 from crawler_model import CrawlerError
 
 from ...wire.definitions import find_ament_prefix
-from .leave import leave_at_once, prepare_streams
+from .exit import leave_at_once, prepare_streams
 from .log_pipe import unblocked_log
 from .shared_memory import remove_orphans
 

@@ -9,7 +9,7 @@ import pytest
 
 from crawler_lab import sensitivities, vary
 from crawler_lab.derivative.parameters import differentiate_arrays
-from crawler_lab.derivative.path import Stretch, TangentPath, build_vertices
+from crawler_lab.derivative.tangent_path import Stretch, TangentPath, build_vertices
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.crawler.method import default_budget
 from crawler_model.motion.follow import build_motion

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import crawler_lab.play
-from crawler_lab.play.keep import KEPT, write_scene
+from crawler_lab.play.export import KEPT, write_scene
 from crawler_lab.play.lessons import read_lessons
 from crawler_lab.play.session import MOST_TICKS, Session
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate

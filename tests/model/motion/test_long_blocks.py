@@ -37,8 +37,8 @@ def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
 
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("leaf_size", [2, LEAF_SIZE])
-def test_random_chains_move_as_if_awake(seed, fan, monkeypatch):
-    assert assert_same(*drawn(seed), monkeypatch, fan=fan) > 4
+def test_random_chains_move_as_if_awake(seed, leaf_size, monkeypatch):
+    assert assert_same(*drawn(seed), monkeypatch, leaf_size=leaf_size) > 4
 
 
 @pytest.mark.slow
@@ -68,8 +68,8 @@ def drawn_with_friction(seed: int) -> tuple[Scene, list[Row]]:
 
 @pytest.mark.parametrize("seed", range(30))
 @pytest.mark.parametrize("leaf_size", [2, LEAF_SIZE])
-def test_commanded_friction_moves_runs_as_contacts(seed, fan, monkeypatch):
-    assert assert_same(*drawn_with_friction(seed), monkeypatch, fan=fan) > 4
+def test_commanded_friction_moves_runs_as_contacts(seed, leaf_size, monkeypatch):
+    assert assert_same(*drawn_with_friction(seed), monkeypatch, leaf_size=leaf_size) > 4
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 from crawler_model import Scene, SceneError, load_scene, simulate
 from crawler_model.run.inertia import start_meter
 from crawler_ros.node.inertia import add_ticks
-from crawler_ros.node.intake.path import Vertices
+from crawler_ros.node.intake.commanded_path import Vertices
 
 STIFFNESS, FORWARD, BACKWARD, STROKE = 20.0, 0.1, 0.3, 0.1
 MASS = 0.5 / 9.81

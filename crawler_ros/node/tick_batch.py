@@ -23,7 +23,7 @@ from crawler_model.crawler.yields import YieldTimes
 from ..recording.record_head import HEAD_SEQUENCE, HEAD_SIZE, HEAD_TIMES, message_head
 from ..wire.messages import JointStateMessage, MessageLayout
 from ..wire.states import contact_names, joint_state_names, shown_contacts
-from .intake.path import Path, Vertex, Vertices
+from .intake.commanded_path import CommandedPath, Vertex, Vertices
 from .outgoing import Outgoing
 from .outlet import Outlet
 
@@ -83,7 +83,7 @@ class _Batch:
         self.first_on_channel: dict[str, int] = {}
 
 
-class Ahead:
+class TickBatch:
     """Runs many ticks at once and sends their messages."""
 
     def __init__(self, scene: Scene, outgoing: Outgoing, recorder: Any, every: int) -> None:
@@ -249,7 +249,7 @@ def compile_ticks(scene: Scene) -> None:
     everything, readout = Readout(body, shown_contacts(body)), Readout(body, np.zeros(0, np.int64))
     everything.read(crawler, np.inf, joints.numbers, JointStateMessage(contact_names(body)).numbers)
     readout.read(crawler, np.inf, joints.numbers, JointStateMessage([]).numbers)
-    Path(Vertex(0, crawler.row)).follow_many(0, np.ones(1, np.int64), crawler.row)
+    CommandedPath(Vertex(0, crawler.row)).follow_many(0, np.ones(1, np.int64), crawler.row)
     if runs_in_one_call(crawler):
         n, width = body.contacts, scene.columns.index.size
         tables = [np.zeros((1, 3, joints.numbers.shape[1])), np.zeros((1, 3, 0)), np.zeros((1, 2, n))]

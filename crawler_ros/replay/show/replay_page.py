@@ -1,4 +1,4 @@
-"""The page of a replay: the analysed recording as the arrays of `crawler_pictures.run.page`."""
+"""The page of a replay: the analysed recording as the arrays of `crawler_pictures.run.run_page`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_each, name_joints
 from crawler_pictures.run.arrays import Commands, Gains, RunArrays, planar_forces, sort_commands
-from crawler_pictures.run.page import draw_run
+from crawler_pictures.run.run_page import draw_run
 
 from ...wire.states import shown_contacts
 

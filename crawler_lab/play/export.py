@@ -150,7 +150,7 @@ def save_picture(session: Session, file: Path) -> None:
         session: the session.
         file: the .png file.
     """
-    from crawler_pictures.run.page import draw_run
+    from crawler_pictures.run.run_page import draw_run
     from crawler_pictures.run.trajectory import read_trajectory
 
     draw_run(read_trajectory(_run(session, write_scene(session))), file)

@@ -56,7 +56,7 @@ class Vertices:
     ended: int
 
 
-class Path:
+class CommandedPath:
     """The waypoints ahead, from the last one that was passed."""
 
     def __init__(self, anchor: Vertex) -> None:
