@@ -101,17 +101,6 @@ def test_without_recording_or_viewer_neither_is_imported():
     assert not loaded_by("import crawler_ros.node.simulator") & {"rerun", "mcap", "matplotlib", "rosbags"}
 
 
-MOST_LINES = 400
-
-
-def sources() -> list[Path]:
-    return sorted(file for package in PACKAGES for file in (ROOT / package).rglob("*.py"))
-
-
-def test_files_have_one_subject_and_are_short():
-    assert [str(f.relative_to(ROOT)) for f in sources() if len(f.read_text().splitlines()) >= MOST_LINES] == []
-
-
 KERNELS = {"compiled", "entry", "inner", "lean", "inlined"}
 """Decorators of kernels."""
 
