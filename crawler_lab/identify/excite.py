@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.body.names import name_each, name_joints
-from crawler_model.errors import CrawlerError, SceneError
+from crawler_model.errors import CrawlerError
 from crawler_model.run.inertia import Inertia
 from crawler_model.run.simulate import find_inertia, simulate
 from crawler_model.scene.file import coerce_scene
@@ -155,8 +155,6 @@ def excite(
             f"and at most {1e6 / rate:g} s"
         )
     names = name_joints(scene.body)
-    if not names:
-        raise SceneError(f"excite: {scene.name} has neither links nor segments; nothing can move it")
     moves, bounds = find_strokes(scene, stroke)
     low, high = held_lengths(scene), held_lengths(scene)  # what has no stroke stays as the scene has it
     low[moves], high[moves] = np.array(bounds).T

@@ -62,8 +62,6 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
         CommandError: if the target is missing, or a number is out of range.
     """
     _check_kind(scene, request)
-    if scene.body.springs == 0:
-        raise SceneError(f"optimise: {scene.name} has neither links nor segments; nothing can move it")
     waypoints, stroke, free, period = request.waypoints, request.stroke, request.free or {}, request.period
     scene = with_loads(scene, (*free, *(request.robust or ())))
     given = {key: check_bounds(f"free: {key}", bounds) for key, bounds in free.items()}

@@ -7,9 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from crawler_command.screen import parse_slower_than
 from crawler_lab import Posterior, excite, identify, optimise, pareto, predict, sensitivities, vary
 from crawler_lab.identify.measurements import MeasurementError, Measurements
 from crawler_lab.play.session import Session
+from crawler_lab.springs.springs import fit_springs
+from crawler_lab.verbs.identify.options import parse_columns
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError
 from crawler_model.theory.stasis import StasisDomain, stasis_polygon
 
@@ -61,7 +64,20 @@ def linked(*links, **more) -> Scene:
 
 REFUSED = [
     (lambda: pair(name="a\nb"), SceneError, "contains control characters; they must not get into terminals"),
-    (lambda: pair(friction=None), SceneError, "friction: "),
+    (lambda: pair(friction=None), SceneError, "friction: missing; isolated contacts need it"),
+    (
+        lambda: pair(**FLAT | {"friction": {"directions": [0, 120, 90], "value": 1}}),
+        SceneError,
+        "direction 2 at 90 rad follows 120 rad; angles must increase strictly, within one turn (they are in rad)",
+    ),
+    (lambda: pair(body={"contacts": [0]}), SceneError, "1 contact(s); a crawler needs at least 2, or a segment"),
+    (
+        lambda: fit_springs("a.csv", np.linspace(0.0, 0.1, 40), np.linspace(0.0, 2.0, 40)),
+        CrawlerError,
+        "a.csv: no reversal: the elongation goes one way from 0 to 0.1 m",
+    ),
+    (lambda: parse_columns(["HeadX"]), CrawlerError, "--columns HeadX: write OURS=THEIRS, for example contact_0=HeadX"),
+    (lambda: parse_slower_than("slow"), CrawlerError, "--slower-than slow: write the largest inertia number, for exam"),
     (lambda: pair(body=PAIR["body"] | {"links": {"passive": {}}}), SceneError, "give `stiffness`, `curve` or `stops`"),
     (
         lambda: pair(body=PAIR["body"] | {"links": [{"tension": {"most": 1}}]}),
