@@ -18,6 +18,7 @@ from crawler_command.screen import READERS, progress_bar, require, screen
 from crawler_model import CrawlerError
 
 _IN_PROCESS = {
+    "calls": ("measure_calls", "CALLS"),
     "growth": ("measure_growth", "SECONDS"),
     "identify": ("measure_identification", "STEPS"),
     "inertia": ("measure_inertia", "BODIES"),
@@ -30,6 +31,7 @@ class What(str, Enum):
     """What is measured."""
 
     methods = "methods"
+    calls = "calls"
     growth = "growth"
     identify = "identify"
     inertia = "inertia"
@@ -42,7 +44,8 @@ def bench(
     what: Annotated[
         What,
         typer.Argument(
-            help="methods: speed against error; growth: of the time of a ramp with the body; identify: coverage; "
+            help="methods: speed against error; calls: what a call costs; growth: of the time of a ramp with the body; "
+            "identify: coverage; "
             "inertia: how far masses change the gain; many: variations and environments; "
             "node: throughput, latency, cost of features; replay: of recordings."
         ),
