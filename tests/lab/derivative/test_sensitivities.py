@@ -488,6 +488,20 @@ def test_in_the_plane_derivatives_agree_with_differences(scene: str | dict[str, 
     assert found.period_work.sum() == pytest.approx(found.work[0], rel=1e-12, abs=1e-12)
 
 
+def test_friction_to_the_left_counts_where_contacts_slide_to_their_left() -> None:
+    points, joints = [[0, 0], [1, 0.1], [2, 0]], {"stiffness": 5.0, "between": [[0, 1, 2]]}
+    friction = {"forward": 0.1, "backward": 0.3, "left": 0.2, "right": 0.6}
+    drive = {"times": [0, 1], "actuation": [[0, 0, 0], [0.1, -0.05, 0.6]]}
+    scene = build(points, {"stiffness": 20.0}, joints=joints, friction=friction, drive=drive)
+    found = sensitivities(scene, ["friction.left"], 1.0, 1.0)
+    low, high = (
+        simulate(one, 1.0, 1.0).displacement for one in vary(scene, {"friction.left": [0.2 - 1e-4, 0.2 + 1e-4]})
+    )
+    expected = (high - low) / 2e-4
+    assert np.abs(expected).max() > 0.5
+    assert np.abs(found.displacement[..., 0] - expected).max() <= 1e-4
+
+
 @pytest.mark.parametrize("seed", [3, 9])
 def test_chains_that_turn_agree_with_differences(seed: int) -> None:
     """Many contacts start and stop, some because others start, and friction changes its quadrant."""
