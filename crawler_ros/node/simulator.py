@@ -63,12 +63,12 @@ class Simulator(QuietNode):
         for name in ("scene", "record", "view"):
             self.values[name] = expand_home(self.values[name])
         self.scene = load_scene(self.values["scene"]) if scene is None else scene
-        rate = rational_rate(self.values["rate"])
+        rate, catches_up = rational_rate(self.values["rate"]), self.values["late"] == "catch_up"
         prepare(self.scene)
         method = str(self.values["method"])
         self.crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
         self.start = self.crawler.copy()
-        self.stepper = Stepper(rate, self.values["real_time_factor"], self.values["late"] == "catch_up")
+        self.stepper = Stepper(rate, self.values["real_time_factor"], catches_up, self.values["duration"])
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
@@ -193,7 +193,7 @@ class Simulator(QuietNode):
     # -- the loop ---------------------------------------------------------------------------------------------------
 
     def spin(self) -> None:
-        """Tick until `stopping` is set; topics and services are served by a second thread."""
+        """Tick until `stopping` is set or the duration is over; topics and services are served by a second thread."""
         executor = EventsExecutor()
         executor.add_node(self)
         gc.collect()
@@ -208,7 +208,7 @@ class Simulator(QuietNode):
             self._send_start()
         self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent
         try:
-            while not self.stopping.is_set():
+            while not (self.stopping.is_set() or self.stepper.is_over):
                 wall_ns = time.monotonic_ns()
                 with self.lock:
                     wait = self._wait_ns(wall_ns)
@@ -218,7 +218,7 @@ class Simulator(QuietNode):
                     time.sleep(min(wait / NS, 0.1))
                 else:
                     with self.lock:
-                        if not self.stepper.paused and not self._run_ahead():
+                        if not self.stepper.rests and not self._run_ahead():
                             self.stepper.begin(time.monotonic_ns())
                             self._tick()
                 self._push_recording(wall_ns)
@@ -256,7 +256,7 @@ class Simulator(QuietNode):
         behind = self.recorder is not None and self.recorder.is_behind
         if not behind and self.lock.acquire(blocking=False):
             try:
-                if not (self.stepper.paused or self.commands.is_running or self.commands.is_idle):
+                if not (self.stepper.rests or self.commands.is_running or self.commands.is_idle):
                     self._tick()
                     self._server.expect_reply()
             finally:

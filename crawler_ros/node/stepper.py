@@ -5,6 +5,7 @@ In lock-step, messages trigger the ticks and the wall clock has no effect: see `
 
 from __future__ import annotations
 
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -24,7 +25,9 @@ class Stepper:
     pause until the lag is gone.
     """
 
-    def __init__(self, rate: Fraction, real_time_factor: float = 1.0, catches_up: bool = False) -> None:
+    def __init__(
+        self, rate: Fraction, real_time_factor: float = 1.0, catches_up: bool = False, duration: float = 0.0
+    ) -> None:
         """Start playing at simulated time 0.
 
         Args:
@@ -32,8 +35,10 @@ class Stepper:
             real_time_factor: simulated seconds per second; 0 for as fast as possible.
             catches_up: whether simulated time catches up after late ticks, by at most MOST_CAUGHT_UP_NS, instead of
                 slipping.
+            duration: simulated time at which it is over, at the end of a tick [s]; 0 for never.
         """
         self.rate = rate
+        self._until_ns = round(duration * NS) or sys.maxsize
         self._catches_up = catches_up
         self._slipped_ns = 0
         self._played = [0, 0]  # wall and simulated time before the present stretch of playing [ns]
@@ -54,6 +59,16 @@ class Stepper:
         """Simulated time: the end of the last tick [ns]."""
         self.next_ns = tick_end_ns(tick + 1, self.rate)
         """The end of the next tick [ns]."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the duration is reached."""
+        return self.now_ns >= self._until_ns
+
+    @property
+    def rests(self) -> bool:
+        """Whether no tick follows by itself: it is paused, or over."""
+        return self.paused or self.is_over
 
     @property
     def real_time_factor(self) -> float:
@@ -188,15 +203,17 @@ class Stepper:
         """Compute when the next ticks end.
 
         Args:
-            ticks: their number K.
+            ticks: their largest number K; they are fewer where it is over before.
 
         Returns:
             Simulated time at the end of each, shape (K,) [ns].
         """
         period, rest = divmod(NS * self.rate.denominator, self.rate.numerator)
         if rest == 0:
-            return self.now_ns + period * np.arange(1, ticks + 1)
-        return np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)])
+            ends = self.now_ns + period * np.arange(1, ticks + 1)
+        else:
+            ends = np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)])
+        return ends[: 1 + np.searchsorted(ends, self._until_ns)]
 
     def reset(self, wall_ns: int) -> None:
         """Return to simulated time 0; the count of late ticks and the lag are not reset.

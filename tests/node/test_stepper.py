@@ -3,6 +3,8 @@ from __future__ import annotations
 from fractions import Fraction
 from types import SimpleNamespace
 
+import pytest
+
 from crawler_ros.node.counts import Counts
 from crawler_ros.node.stepper import Stepper
 
@@ -19,6 +21,21 @@ def test_simulated_time_is_exact():
     for _ in range(30000):
         stepper.finish()
     assert stepper.now_ns == 1001 * 10**9
+
+
+@pytest.mark.parametrize("rate", [Fraction(1000), Fraction(30000, 1001)])
+def test_it_is_over_at_the_end_of_the_tick_that_reaches_the_duration(rate):
+    duration = 2.5 / float(rate)
+    stepper = Stepper(rate, duration=duration)
+    ends = stepper.ends_ns(16)
+    assert (ends / 1e9 < duration).tolist() == [True, True, False]
+    stepper.finish(2)
+    assert not stepper.rests
+    stepper.finish()
+    assert stepper.now_ns == ends[-1]
+    assert stepper.rests
+    stepper.reset(0)
+    assert not stepper.rests
 
 
 def test_ticks_are_due_a_period_apart():
