@@ -19,6 +19,7 @@ from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 from .executables import describe_missing
 from .many.compare import compare
 from .replay import replay
+from .run import run_controller
 from .screen import (
     READERS,
     ForceOption,
@@ -117,6 +118,7 @@ def scenes(
         print(f"{name:<{width}}  {text}")
 
 
+app.command("run")(run_controller)
 app.command()(animate)
 app.command()(view)
 app.command("replay")(replay)

@@ -7,13 +7,9 @@ the bit however busy the machine is.
 from __future__ import annotations
 
 import os
-import queue
 import re
 import shutil
-import signal
-import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -24,6 +20,7 @@ from crawler_model.body.drive import NS
 from crawler_ros.node.life.domains import domain_environment, reserved_domain
 from crawler_ros.recording import bag
 
+from .processes import Process, node_command
 from .screen import ShowProgress
 
 SCENE = "three_contacts_one_way"
@@ -75,8 +72,13 @@ def run_demo(out: Path, progress: ShowProgress) -> list[str]:
     before = set(out.iterdir())
     progress(0.05, "starting two processes")
     with reserved_domain() as domain:
-        simulator = _Process("crawler_ros.node.simulator", domain, scene=SCENE, record=out, lock_step="true")
-        player = _Process("crawler_ros.node.gait_player", domain, scene=SCENE, periods=PERIODS, patience=PATIENCE_S)
+        given = domain_environment(domain)
+        simulator = Process(
+            node_command("crawler_ros.node.simulator", scene=SCENE, record=str(out), lock_step=True), given
+        )
+        player = Process(
+            node_command("crawler_ros.node.gait_player", scene=SCENE, periods=PERIODS, patience=PATIENCE_S), given
+        )
         try:
             _watch(simulator, player, progress)
         finally:
@@ -99,7 +101,7 @@ def run_demo(out: Path, progress: ShowProgress) -> list[str]:
     return _summary(recording, rrd, png, time.monotonic() - began)
 
 
-def _watch(simulator: _Process, player: _Process, progress: ShowProgress) -> None:
+def _watch(simulator: Process, player: Process, progress: ShowProgress) -> None:
     deadline = time.monotonic() + PATIENCE_S
     while player.process.poll() is None:
         if simulator.process.poll() is not None:
@@ -178,48 +180,3 @@ def measure(recording: Path) -> tuple[np.ndarray, int, float]:
     ends = [start_ns + k * period_ns for k in range(PERIODS + 1)]
     pace = (max(y) - min(y)) / max(received[-1] - received[0], 1) if y else 0.0
     return np.diff([y[ns] for ns in ends if ns in y]), messages, pace
-
-
-class _Process:
-    """A node in a process of its own, whose output is read."""
-
-    def __init__(self, module: str, domain: int, **parameters: object) -> None:
-        words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", module, "--ros-args", *words],
-            env=domain_environment(domain),
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        self._lines: queue.Queue[str] = queue.Queue()
-        self._last = "(no output)"
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            if line.strip():
-                self._last = line.strip()
-                self._lines.put(line.strip())
-
-    def new_lines(self) -> list[str]:
-        lines = []
-        while not self._lines.empty():
-            lines.append(self._lines.get())
-        return lines
-
-    def last_line(self) -> str:
-        self._thread.join(1.0)
-        return self._last
-
-    def end(self) -> None:
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-            try:
-                self.process.wait(20.0)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()

@@ -34,7 +34,7 @@ ROOT = Path(__file__).parent.parent
 BIN = Path(sys.executable).parent
 REASONS = ("needs a ROS 2 installation", "needs a network", "needs a display", "takes minutes")
 PATIENCE_S = 1200.0  # only what hangs takes so long, on the busiest machine
-_NODES = re.compile(r"\bcrawler-[a-z]|\brclpy\b|\bcrawler demo\b")
+_NODES = re.compile(r"\bcrawler-[a-z]|\brclpy\b|\bcrawler (?:demo|run)\b")
 _FENCE = re.compile(r"^(?P<indent> *)```(?P<info>.*)\n(?P<text>(?:.*\n)*?)(?P=indent)```[ \t]*$", re.M)
 _TROUBLE = ("Traceback", "command not found", "[ERROR]", "[FATAL]")
 _NOISE = re.compile(r"^(crawler: compiling the kernels|\[\d+\][-+ ]).*\n", re.M)  # on the first run; of jobs that end
@@ -288,7 +288,8 @@ def verbs() -> dict[str, set[str]]:
 
 
 def _crawler(words: list[str]) -> bool:
-    options = {word.split("=")[0] for word in words if word.startswith("--")}
+    own = words[: words.index("--")] if "--" in words else words
+    options = {word.split("=")[0] for word in own if word.startswith("--")}
     return words[0] in verbs() and options <= verbs()[words[0]]
 
 

@@ -31,6 +31,7 @@ NEEDS = {
     "compare": (["bag", "bag"], "mcap, zstandard, rosbags"),
     "demo": ([], "rclpy, mcap, zstandard, rosbags, matplotlib, rerun"),
     "play": (["two_anchor_a"], "aiohttp"),
+    "run": (["two_anchor_a", "controller.py", "--record", "bags"], "rclpy, mcap, zstandard"),
     "springs": (["m.csv"], "pyarrow"),
 }
 """Verbs that need more than the base, how they are called, and what is not there."""

@@ -44,7 +44,7 @@ def bad(*arguments: str, **options) -> str:
 
 def test_help_teaches():
     text = good("--help")
-    for verb in ("demo", "simulate", "check", "sweep", "scenes", "view", "replay"):
+    for verb in ("demo", "run", "simulate", "check", "sweep", "scenes", "view", "replay"):
         assert verb in text
         assert "Usage" in good(verb, "--help")
 
