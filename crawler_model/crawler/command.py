@@ -12,6 +12,8 @@ from ..body.plan import Plan
 from ..body.turning import check_sides
 from ..errors import LARGEST, CommandError, SceneError
 
+_SMALL = 1e-160
+
 
 def write_command(
     scene: Plan,
@@ -80,7 +82,8 @@ def _read_lengths(columns: Columns, actuation: ArrayLike) -> np.ndarray | None:
     if array.shape != columns.plain_lengths or array.dtype is not FLOAT:
         return None
     flat = array.ravel()
-    return flat if flat.dot(flat) <= LARGEST else None
+    small = flat * _SMALL  # the square of what is not refused neither overflows nor vanishes
+    return flat if small.dot(small) <= (_SMALL * LARGEST) ** 2 else None
 
 
 def _check_by_direction(scene: Plan, friction: np.ndarray) -> None:

@@ -14,18 +14,14 @@ from ..wire.facts import REFUSED_ON, Fact, Refusal
 from .intake.peers import publishers_of, rivals_on_states
 
 if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
-    from crawler_model import Crawler
     from crawler_model.body.plan import Plan
-    from crawler_model.crawler.yields import YieldTimes
-    from crawler_model.run.inertia import InertiaMeter
     from crawler_model.theory.regularity import Regularity
 
     from ..viewer.feed import ViewerFeed
-    from .certificates import Certificates
-    from .counts import Counts
     from .intake.commands import CommandQueue
     from .intake.intake import Intake
     from .stepper import Stepper
+    from .ticks import Ticks
 
 OK, WARN, ERROR = 0, 1, 2
 Status = tuple[int, str, str, str, list[tuple[str, str]]]
@@ -59,14 +55,10 @@ class CommandCounts(NamedTuple):
 class Diagnosed(Protocol):
     """The part of a simulator that its diagnostics read: its state, its counts, and the counts last reported."""
 
-    counts: Counts
     reported: TickCounts
     reported_commands: CommandCounts
-    certificates: Certificates
     commands: CommandQueue
-    crawler: Crawler
     feed: ViewerFeed | None
-    inertia: InertiaMeter | None
     intake: Intake
     lock: AbstractContextManager[Any]
     lock_step: bool
@@ -76,7 +68,7 @@ class Diagnosed(Protocol):
     scene: Plan
     states: list[str]
     stepper: Stepper
-    yields: YieldTimes | None
+    ticks: Ticks
 
     def get_fully_qualified_name(self) -> str:
         """Return the name of the node including its namespace."""
@@ -101,8 +93,8 @@ def diagnose(node: Diagnosed) -> list[Status]:
     me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
     with node.lock:
         parts = {"simulation": _simulation(node, rivals_on_states(states)), "commands": _commands(node, commands)}
-        if node.yields is not None:
-            parts["actuators"] = (OK, *node.yields.report())
+        if node.ticks.yields is not None:
+            parts["actuators"] = (OK, *node.ticks.yields.report())
         if node.recorder is not None:
             recorder = node.recorder
             entries = [
@@ -121,7 +113,7 @@ def _jumps(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write the jumps where the ground changes with place, and where bodies that turn lose their stability."""
     if node.scene.ground.track is None and node.scene.body.turning is None:
         return []
-    return [(Fact.JUMPS, str(node.counts.jumps)), (Fact.JUMP_LOSS, f"{node.counts.jump_loss:.3e}")]
+    return [(Fact.JUMPS, str(node.ticks.counts.jumps)), (Fact.JUMP_LOSS, f"{node.ticks.counts.jump_loss:.3e}")]
 
 
 def _orientation(node: Diagnosed) -> list[tuple[Fact, str]]:
@@ -129,8 +121,8 @@ def _orientation(node: Diagnosed) -> list[tuple[Fact, str]]:
     if node.scene.body.dimension == 1:
         return []
     if node.scene.body.turning is not None:
-        return [(Fact.YAW, f"{node.crawler.yaw:.6g}")]
-    angle = float(shape_orientation(node.scene.body.position, node.crawler.displacement))
+        return [(Fact.YAW, f"{node.ticks.crawler.yaw:.6g}")]
+    angle = float(shape_orientation(node.scene.body.position, node.ticks.crawler.displacement))
     return [(Fact.ORIENTATION, f"{angle:.6g}")]
 
 
@@ -139,16 +131,16 @@ def _stability(node: Diagnosed) -> list[tuple[Fact, str]]:
     if node.scene.body.turning is None:
         return []
     return [
-        (Fact.STABILITY, f"{node.crawler.stability_margin:.6g}"),
-        (Fact.LEAST_STABILITY, f"{node.counts.stability:.6g}"),
+        (Fact.STABILITY, f"{node.ticks.crawler.stability_margin:.6g}"),
+        (Fact.LEAST_STABILITY, f"{node.ticks.counts.stability:.6g}"),
     ]
 
 
 def _inertia(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write the largest inertia number since the start or the last reset, if the scene has masses or weights."""
-    if node.inertia is None:
+    if node.ticks.inertia is None:
         return []
-    found = node.inertia.result()
+    found = node.ticks.inertia.result()
     where = "nowhere"
     if found.contact is not None:
         where = f"{node.scene.body.name_of(found.contact)} at {found.time:.9f} s"
@@ -193,11 +185,11 @@ def _reasons(intake: Intake) -> Entries:
 
 
 def _simulation(node: Diagnosed, rival: str) -> Part:
-    late, counts = node.stepper.late, node.counts
+    late, counts = node.stepper.late, node.ticks.counts
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
     before = node.reported
     node.reported = TickCounts(counts.ambiguous, counts.overspent, counts.unsolved, late, counts.jumps)
-    finite, inaccurate = node.certificates.judge()
+    finite, inaccurate = node.ticks.certificates.judge()
     if late > before.late:
         level = WARN
         message = f"{late - before.late} late tick(s): this machine cannot maintain the rate; simulated time lags"
@@ -215,7 +207,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
     if rival:
         level, message = max(level, WARN), rival
         node.warn_once(rival)
-    residual, violation, complementarity = (f"{v:.3e}" for v in node.certificates.worst)
+    residual, violation, complementarity = (f"{v:.3e}" for v in node.ticks.certificates.worst)
     return (
         level,
         message,
@@ -227,7 +219,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             *_late_times(node.stepper),
             (Fact.LEAST_FRICTION, f"{node.regularity.least:.3e} ({node.regularity.where})"),
             (Fact.MARGIN, "not decided" if node.margin is None else f"{node.margin:.3e}"),
-            (Fact.VISITED_MARGIN, f"{node.crawler.visited_margin:.3e}"),
+            (Fact.VISITED_MARGIN, f"{node.ticks.crawler.visited_margin:.3e}"),
             (Fact.AMBIGUOUS, str(counts.ambiguous)),
             (Fact.OVERSPENT, str(counts.overspent)),
             (Fact.UNSOLVED, str(counts.unsolved)),
@@ -245,7 +237,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
 def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -> Part:
     intake, refused = node.intake, node.intake.refusals.total
     queue = node.commands
-    now = CommandCounts(refused, intake.lost, queue.full, queue.unheld, node.counts.unheld, queue.overdue)
+    now = CommandCounts(refused, intake.lost, queue.full, queue.unheld, node.ticks.counts.unheld, queue.overdue)
     before, node.reported_commands = node.reported_commands, now
     level, news = OK, []
     unheld = "no equilibrium holds their loads"
@@ -279,7 +271,7 @@ def _commands(node: Diagnosed, publishers: dict[str, list[tuple[bytes, str]]]) -
             (Fact.FULL, str(queue.full)),
             (Fact.OVERDUE, str(queue.overdue)),
             (Fact.ROWS_DROPPED, str(queue.unheld)),
-            (Fact.TICKS_REFUSED, str(node.counts.unheld)),
+            (Fact.TICKS_REFUSED, str(node.ticks.counts.unheld)),
             (Fact.LOST, str(intake.lost)),
             (Fact.WAITING, f"{queue.waiting} of {queue.most_waiting}"),
             *((f"received on {name}", str(a.received)) for name, a in intake.arrivals.items()),

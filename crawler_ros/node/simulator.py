@@ -9,22 +9,17 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rclpy.experimental.events_executor import EventsExecutor
 
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.crawler.ticks import runs_in_one_call
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
-from ..viewer.frames import time_jumps
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
-from .counts import start_counts
 from .diagnostics import CommandCounts, TickCounts, diagnose
-from .inertia import add_tick, add_ticks
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
@@ -37,7 +32,8 @@ from .outlet import Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
 from .stepper import Stepper
-from .tick_batch import TickBatch, compile_ticks
+from .tick_batch import compile_ticks
+from .ticks import Ticks
 
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder
@@ -66,14 +62,12 @@ class Simulator(QuietNode):
         rate, catches_up = rational_rate(self.values["rate"]), self.values["late"] == "catch_up"
         prepare(self.scene)
         method = str(self.values["method"])
-        self.crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
-        self.start = self.crawler.copy()
+        crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
         self.stepper = Stepper(rate, self.values["real_time_factor"], catches_up, self.values["duration"])
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
-        self.commands = CommandQueue(self.columns, self.start.row, self.lock_step, limits)
-        self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
+        self.commands = CommandQueue(self.columns, crawler.row, self.lock_step, limits)
         self.reported, self.reported_commands = TickCounts(), CommandCounts()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
@@ -81,7 +75,6 @@ class Simulator(QuietNode):
         self.stopping = StopFlag()
         self._arrived = threading.Event()  # messages wait that trigger ticks in lock-step
         self._server = Server(self, self.stopping)
-        self._hold = np.empty((0, self.columns.index.size))
         self.recorder: Recorder | None = None
         self.feed: ViewerFeed | None = None
         self._outlets: dict[str, Outlet] = {}
@@ -94,7 +87,7 @@ class Simulator(QuietNode):
             from ..recording.attachments import describe_run
             from ..recording.recorder import Recorder
 
-            run = describe_run(self.scene, self.crawler, self.values, self.get_fully_qualified_name())
+            run = describe_run(self.scene, crawler, self.values, self.get_fully_qualified_name())
             self.recorder = Recorder(Path(self.values["record"]), "crawler", run)
         self._open_topics()
         if self.recorder is not None:
@@ -104,13 +97,21 @@ class Simulator(QuietNode):
         self.add_on_set_parameters_callback(self._on_parameters)
         if view != "off":
             self.feed = ViewerFeed(self.scene, view, self.get_logger().info)
-        self.every = int(self.values["publish.every"])
-        single = self.feed is not None or not runs_in_one_call(self.crawler)
-        self._ahead = None if single else TickBatch(self.scene, self.outgoing, self.recorder, self.every)
+        self.ticks = Ticks(
+            self.scene,
+            crawler,
+            self.stepper,
+            self.commands,
+            self.intake,
+            self.outgoing,
+            self.recorder,
+            self.feed,
+            int(self.values["publish.every"]),
+        )
         self._next_diagnostics_ns = self._logged_lag_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(
-            f"{self.scene.name}: {self.scene.body.describe()}, {self.crawler.method} at {float(rate):g} Hz; waiting "
+            f"{self.scene.name}: {self.scene.body.describe()}, {crawler.method} at {float(rate):g} Hz; waiting "
             f"for commands on {', '.join(topics)}; services {name}/pause, {name}/step, {name}/reset"
         )
 
@@ -151,13 +152,10 @@ class Simulator(QuietNode):
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         with self.lock:
-            self.crawler = self.start.copy()
             self.stepper.reset(time.monotonic_ns())
-            self.commands.reset(self.start.row)
-            self.certificates, self.counts, self.yields, self.inertia = start_counts(self.scene, self.crawler.method)
             self.reported = TickCounts(late=self.reported.late)
             self.reported_commands = self.reported_commands._replace(ticks=0)
-            self._send_start()
+            self.ticks.reset()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
 
@@ -166,7 +164,7 @@ class Simulator(QuietNode):
             if not self.stepper.paused:
                 response.success, response.message = False, "not paused: call ~/pause with data true first"
                 return response
-            self._tick(shown=True)
+            self.ticks.run(shown=True)
             seconds = self.stepper.now_ns / NS
         response.success, response.message = True, f"at simulated time {seconds:.9f} s"
         return response
@@ -205,7 +203,7 @@ class Simulator(QuietNode):
 
                 text = describe_robot(self.scene, self.values["frame_id"])
                 self._outlets["robot_description"].send(encode_string(text))
-            self._send_start()
+            self.ticks.send_start()
         self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent
         try:
             while not (self.stopping.is_set() or self.stepper.is_over):
@@ -220,7 +218,7 @@ class Simulator(QuietNode):
                     with self.lock:
                         if not self.stepper.rests and not self._run_ahead():
                             self.stepper.begin(time.monotonic_ns())
-                            self._tick()
+                            self.ticks.run()
                 self._push_recording(wall_ns)
                 self._report(wall_ns)
         finally:
@@ -257,7 +255,7 @@ class Simulator(QuietNode):
         if not behind and self.lock.acquire(blocking=False):
             try:
                 if not (self.stepper.rests or self.commands.is_running or self.commands.is_idle):
-                    self._tick()
+                    self.ticks.run()
                     self._server.expect_reply()
             finally:
                 self.lock.release()
@@ -271,58 +269,10 @@ class Simulator(QuietNode):
             if self.recorder.problem not in ("", before):
                 self.get_logger().error(self.recorder.problem)
 
-    def _tick(self, shown: bool = False) -> None:
-        """Run a tick; send its states if `shown`, or if they are due."""
-        start_ns, end_ns = self.stepper.now_ns, self.stepper.next_ns
-        in_force = self.commands.in_force
-        vertices = self.commands.take(start_ns, end_ns)
-        self.intake.warn_of_overdue(start_ns)
-        rows = [v.row for v in vertices]
-        try:
-            step = self.crawler.follow(self.columns.target(np.array(rows)) if rows else self._hold)
-        except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
-            self.counts.unheld += 1
-            self.throttle.warn("ground", f"the commands of a tick are refused: {error}")
-            self.commands.resume(in_force)
-            vertices = []
-            step = self.crawler.follow(self._hold)
-        self.stepper.finish()
-        self.outgoing.record_ledger(start_ns, vertices)
-        if shown or self.commands.ended or self.stepper.tick % self.every == 0:
-            self.outgoing.send_states(self.crawler, end_ns, (end_ns - start_ns) / NS)
-        self.outgoing.publish_ledger(start_ns, vertices)  # a controller waits only for the states
-        if self.feed is not None:
-            dues = [max(v.due_ns, start_ns) for v in vertices]
-            self.feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
-        self.certificates.add(step.account)
-        self.counts.add(step, self.crawler.stability_margin)
-        if self.yields is not None:
-            self.yields.add(self.crawler, end_ns - start_ns)
-        add_tick(self.inertia, self.crawler, step, vertices, (start_ns, end_ns))
-
     def _run_ahead(self) -> bool:
         """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
         at_once = self.commands.is_running if self.lock_step else self.stepper.real_time_factor == 0.0
-        if self._ahead is None or self.stepper.paused or not at_once:
-            return False
-        start_ns, ends = self.stepper.now_ns, self.stepper.ends_ns(self._ahead.ticks)
-        taken = self.commands.take_ahead(start_ns, ends)
-        if taken is None:
-            return False
-        ends = ends[: taken.first.size - 1]
-        accounts = self._ahead.run(self.crawler, taken, self.stepper.tick, start_ns, ends, self.yields)
-        self.stepper.finish(len(accounts))
-        add_ticks(self.inertia, self.columns, taken, start_ns, ends)
-        self.certificates.add_many(accounts)
-        self.counts.add_many(accounts)
-        return True
-
-    def _send_start(self) -> None:
-        """Send the state at simulated time 0."""
-        self.outgoing.resend(newcomers=False)  # later subscribers get the state, at worst twice
-        self.outgoing.send_states(self.crawler, 0, np.inf)
-        if self.feed is not None:
-            self.feed.show(0, self.crawler, ())
+        return at_once and not self.stepper.paused and self.ticks.run_many()
 
     # -- reports ----------------------------------------------------------------------------------------------------
 

@@ -56,7 +56,7 @@ class Loop:
 def act(state: JointState) -> np.ndarray:
     """Do something that depends on every digit of what was seen."""
     z = np.array(state.position)[1:]
-    return np.array([0.05, -0.03]) + 0.4 * np.sin(40.0 * z[::-1]) + 0.1 * np.array(state.position)[0]
+    return np.array([0.05, -0.03]) + 0.4 * np.sin(40.0 * z[::-1]) + 0.1 * np.sin(state.position[0])
 
 
 def close_the_loop(ros: Graph, ticks: int = 60) -> np.ndarray:

@@ -173,7 +173,12 @@ def record(folder, at_once, lock_step, contacts, every, more):
         try:
             node = Simulator(context=context)
             drive(node, at_once)
-            state = node.crawler._state.bits(), node.crawler.row.tobytes(), node.certificates.judge(), node.stepper.tick
+            state = (
+                node.ticks.crawler._state.bits(),
+                node.ticks.crawler.row.tobytes(),
+                node.ticks.certificates.judge(),
+                node.stepper.tick,
+            )
             node.close()
         finally:
             context.try_shutdown()
@@ -188,8 +193,8 @@ def drive(node, at_once):
     rng = random.Random(7)
     names = node.columns.names[: node.columns.lengths]
     if not at_once:
-        node._ahead = None
-    node._send_start()
+        node.ticks.batch = None
+    node.ticks.send_start()
     for _ in range(3):
         times = sorted(rng.randint(0, 150) * 10**6 + rng.choice([0, 0, 500]) for _ in range(rng.randint(1, 12)))
         rows = [[0.2 * rng.random() for _ in names] for _ in times]
@@ -199,8 +204,8 @@ def drive(node, at_once):
         end, most = node.stepper.tick + rng.randint(100, 200), rng.randint(1, 64)
         while node.stepper.tick < end and not (node.lock_step and node.commands.is_idle):
             if at_once:
-                node._ahead.ticks = min(most, end - node.stepper.tick)
+                node.ticks.batch.ticks = min(most, end - node.stepper.tick)
             if not node._run_ahead():
-                node._tick()
+                node.ticks.run()
         node._push_recording(node.stepper.tick * 10**9)
-    assert np.isfinite(node.crawler.displacement).all()
+    assert np.isfinite(node.ticks.crawler.displacement).all()

@@ -148,18 +148,18 @@ def test_ticks_at_once_count_the_times_of_single_ones(tmp_path, name, every):
             try:
                 node = Simulator(context=context)
                 if not at_once:
-                    node._ahead = None
+                    node.ticks.batch = None
                 names = node.columns.names[: node.columns.lengths]
                 low = node.scene.drive.actuation.min() - node.scene.drive.actuation.max()
                 rows = [[sign * low] * len(names) for sign in (1.0, 0.0, -1.0, 0.0)]
                 node.commands.accept_trajectory(names, [10**8, 3 * 10**8, 4 * 10**8, 6 * 10**8], rows, 0)
                 while node.stepper.tick < 1000:
                     if at_once:
-                        node._ahead.ticks = min(64, 1000 - node.stepper.tick)
+                        node.ticks.batch.ticks = min(64, 1000 - node.stepper.tick)
                     if not node._run_ahead():
-                        node._tick()
-                reports.append((node.yields.report(), node.crawler._state.bits()))
-                assert node.yields.report()[0] == "within the limits of tension"
+                        node.ticks.run()
+                reports.append((node.ticks.yields.report(), node.ticks.crawler._state.bits()))
+                assert node.ticks.yields.report()[0] == "within the limits of tension"
                 node.close()
             finally:
                 context.try_shutdown()

@@ -129,6 +129,10 @@ class Intake:
             found = [turns.find({name: publishers[name] for name in names}) for names, turns in self._turns.items()]
         return "; ".join(filter(None, found))
 
+    def warn_of_refused_tick(self, error: CommandError) -> None:
+        """Log that nothing would hold the body on the ground that the commands of a tick lead to."""
+        self._throttle.warn("ground", f"the commands of a tick are refused: {error}")
+
     def warn_of_overdue(self, now_ns: int) -> None:
         """Log the trajectories that were over before they began, since the last call.
 

@@ -617,12 +617,6 @@ def test_a_scene_without_a_drive_is_refused() -> None:
         sensitivities(Scene.model_validate(document), ["friction.forward"])
 
 
-def test_patches_are_refused() -> None:
-    document = draw(0) | {"ground": {"slope": 0.0, "patches": [{"from": 1.0, "to": 2.0, "friction": 0.5}]}}
-    with pytest.raises(SceneError, match=r"ground\.patches"):
-        sensitivities(Scene.model_validate(document), ["friction.forward"])
-
-
 def test_a_duration_out_of_range_is_refused() -> None:
     with pytest.raises(CommandError, match="duration"):
         sensitivities(load_scene("two_anchor_a"), ["drive.length"], duration=-1.0)
