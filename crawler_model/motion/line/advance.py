@@ -18,7 +18,7 @@ def place_of(record, ramp):
     Returns:
         The place on the ramp, or on the present fall if it takes part in that.
     """
-    return ramp.rests if ramp.falling and record.since >= 0.0 else ramp.s
+    return ramp.fall.rests if ramp.fall.falling and record.since >= 0.0 else ramp.s
 
 
 @inlined
@@ -52,10 +52,10 @@ def advance(c, ramp, s):
         excess = c.spare + middle * ((c.d_forward if c.v > 0.0 else c.d_backward) - c.d_under)
         c.lost += (excess if c.v > 0.0 else -excess) * distance
     if c.v > 0.0:
-        ramp.dissipation += (c.forward + middle * c.d_forward) * distance
+        ramp.account.dissipation += (c.forward + middle * c.d_forward) * distance
     else:
-        ramp.dissipation -= (c.backward + middle * c.d_backward) * distance
-    ramp.loads_work += (c.load + middle * c.d_load) * distance
+        ramp.account.dissipation -= (c.backward + middle * c.d_backward) * distance
+    ramp.account.loads_work += (c.load + middle * c.d_load) * distance
     move(c, distance)
 
 
@@ -77,5 +77,5 @@ def advance_spring(spring, curves, ramp, s):
     if ds > 0.0:
         change = spring.rate * ds
         if s > 0.0:  # in a fall, commands rest
-            ramp.work -= _work_on(spring, curves, s, change, ds)
+            ramp.account.work -= _work_on(spring, curves, s, change, ds)
         spring.tension += change

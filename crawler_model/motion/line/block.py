@@ -86,9 +86,9 @@ def _enter(contacts, springs, model, ramp, row, i):
     In an implicit step they are limits of the force; what flat springs pull is left out of all.
     """
     c, e = contacts[i], model.block[row]
-    c.mark, c.row = ramp.block, row
+    c.mark, c.row = ramp.search.block, row
     e.contact, e.run = i, -1
-    e.load = 0.0 if ramp.falling else c.pull
+    e.load = 0.0 if ramp.fall.falling else c.pull
     if ramp.stepping:
         pull = find_pull(contacts, springs, model, model.curves, i)
         e.load = (c.force - pull) + ramp.part * c.pull
@@ -96,7 +96,7 @@ def _enter(contacts, springs, model, ramp, row, i):
         e.lower = -(c.backward + ramp.part * c.d_backward) - pull
         e.blur = _blur_of_step(contacts, springs, model, model.curves, c)
     else:
-        moves = not ramp.falling or c.since < 0.0  # else it has yet to be drawn into the fall
+        moves = not ramp.fall.falling or c.since < 0.0  # else it has yet to be drawn into the fall
         e.upper = (c.d_forward if moves else 0.0) if c.at & FORWARD else np.inf
         e.lower = (-c.d_backward if moves else 0.0) if c.at & BACKWARD else -np.inf
         changing = moves and (c.d_forward != 0.0 or c.d_backward != 0.0)
@@ -118,7 +118,7 @@ def _enter_spring(springs, e, ramp, j, sign):
     if j >= 0:
         spring = springs[j]
         e.compliance = spring.compliance
-        if not ramp.falling:
+        if not ramp.fall.falling:
             e.trial = -sign * spring.stiffness * spring.d_length
         if ramp.stepping:
             e.trial = ramp.part * e.trial + sign * spring.tension
@@ -141,14 +141,14 @@ def _find_path(contacts, springs, model, ramp, i):
     start = contacts[i]
     if start.last - start.first > 2:
         return 0
-    ramp.before = ramp.behind = -1
+    ramp.search.before = ramp.search.behind = -1
     here, came = i, ends[start.first].spring if start.last - start.first == 2 else -1
     k = _leave_by(start, springs, model, came)
     while k >= 0:  # to one end of the path
         o = contacts[ends[k].other]
         came = ends[k].spring
         if _is_wall(o, ramp):
-            ramp.before = ends[k].other
+            ramp.search.before = ends[k].other
             break
         if o.last - o.first > 2 or ends[k].other == i:
             return 0
@@ -171,14 +171,14 @@ def _find_path(contacts, springs, model, ramp, i):
         came, sign = ends[before].spring, ends[before].sign
         o = contacts[ends[before].other]
         if _is_wall(o, ramp):
-            ramp.behind = ends[before].other
+            ramp.search.behind = ends[before].other
             break
-        if o.last - o.first > 2 or o.mark == ramp.block:
+        if o.last - o.first > 2 or o.mark == ramp.search.block:
             return 0
         here = ends[before].other
     _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
-    ramp.path = count
-    ramp.anchored = ramp.before >= 0 or ramp.behind >= 0
+    ramp.search.path = count
+    ramp.search.anchored = ramp.search.before >= 0 or ramp.search.behind >= 0
     return count
 
 
@@ -196,27 +196,27 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
     """
     n, first, last, left, right = contacts.shape[0], i, i, 0, 0
     curves = model.curves
-    ramp.guards = 0
+    ramp.search.guards = 0
     while first > 0 and not is_flat(springs[first - 1], curves) and not _is_wall(contacts[first - 1], ramp):
         left += _both_rest(contacts, ramp, first, first - 1)
-        if left > ramp.reach:
-            ramp.guards |= BACKWARD
+        if left > ramp.search.reach:
+            ramp.search.guards |= BACKWARD
             break
         first = find_span(runs, ramp, first - 1)[0]
     while last < n - 1 and not is_flat(springs[last], curves) and not _is_wall(contacts[last + 1], ramp):
         right += _both_rest(contacts, ramp, last, last + 1)
-        if right > ramp.reach:
-            ramp.guards |= FORWARD
+        if right > ramp.search.reach:
+            ramp.search.guards |= FORWARD
             break
         last = find_span(runs, ramp, last + 1)[1]
     if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
         wake_all(contacts, springs, runs, ramp)
     joined_before = first > 0 and not is_flat(springs[first - 1], curves)
     joined_behind = last < n - 1 and not is_flat(springs[last], curves)
-    ramp.anchored = joined_before or joined_behind
-    ramp.before = first - 1 if joined_before and not ramp.guards & BACKWARD else -1
-    ramp.behind = last + 1 if joined_behind and not ramp.guards & FORWARD else -1
-    ramp.path = last + 1 - first
+    ramp.search.anchored = joined_before or joined_behind
+    ramp.search.before = first - 1 if joined_before and not ramp.search.guards & BACKWARD else -1
+    ramp.search.behind = last + 1 if joined_behind and not ramp.search.guards & FORWARD else -1
+    ramp.search.path = last + 1 - first
     count = 0
     while first <= last:
         e = model.block[count]
@@ -242,10 +242,10 @@ def passes_guard(contacts, block, ramp, count):
     """
     passes = False
     for bit, j in ((BACKWARD, 0), (FORWARD, count - 1)):
-        if ramp.guards & bit and block[j].side != 0:
+        if ramp.search.guards & bit and block[j].side != 0:
             contacts[block[j].contact].v = BEGINS * block[j].side
             passes = True
-    ramp.reach *= 4
+    ramp.search.reach *= 4
     return passes
 
 
@@ -279,21 +279,21 @@ def _sort_rows(contacts, block, count):
 def _find_mesh(contacts, springs, model, ramp, i):
     """Find the block around contact i of a graph; returns the number of its contacts."""
     block, ends = model.block, model.ends
-    contacts[i].mark = ramp.block
+    contacts[i].mark = ramp.search.block
     block[0].contact = i
     count, read = 1, 0
-    ramp.anchored = 0
+    ramp.search.anchored = 0
     while read < count:
         c = contacts[block[read].contact]
         read += 1
         for k in range(c.first, c.last):
             o = contacts[ends[k].other]
-            if o.mark == ramp.block or is_flat(springs[ends[k].spring], model.curves):
+            if o.mark == ramp.search.block or is_flat(springs[ends[k].spring], model.curves):
                 continue
             if _is_wall(o, ramp):
-                ramp.anchored = 1
+                ramp.search.anchored = 1
             else:
-                o.mark = ramp.block
+                o.mark = ramp.search.block
                 block[count].contact = ends[k].other
                 count += 1
     _sort_rows(contacts, block, count)
@@ -309,12 +309,12 @@ def find_block(contacts, springs, model, matrix, ramp, i):
     Returns:
         The number of rows.
     """
-    ramp.block += 1
-    ramp.path = ramp.guards = 0
+    ramp.search.block += 1
+    ramp.search.path = ramp.search.guards = 0
     if matrix is None:
         return _find_stretch(contacts, springs, model, model.runs, ramp, i)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)
     if count == 0:
-        ramp.block += 1
+        ramp.search.block += 1
         count = _find_mesh(contacts, springs, model, ramp, i)
     return count

@@ -34,13 +34,13 @@ from .tournament import find_earliest, schedule
 def _touch_wall(contacts, springs, model, ramp, i):
     """Find the rate of the force on a wall from the rates of its springs, and its next event."""
     c = contacts[i]
-    if ramp.falling:
+    if ramp.fall.falling:
         draw(contacts, model, model.ground, ramp, i)
     advance(c, ramp, ramp.s)
     c.force_rate = 0.0
     for k in range(c.first, c.last):
         end = model.ends[k]
-        if not ramp.falling or springs[end.spring].since < 0.0:
+        if not ramp.fall.falling or springs[end.spring].since < 0.0:
             c.force_rate += end.sign * springs[end.spring].rate
     if ramp.begun:
         schedule_next(contacts, springs, model, ramp, i)
@@ -79,19 +79,19 @@ def _set_rates(contacts, springs, model, ramp, count):
         if j < count:
             c = contacts[e.contact]
             stops = e.v == 0.0 and c.v != 0.0 and not ramp.stepping
-            if ramp.falling:
+            if ramp.fall.falling:
                 draw(contacts, model, model.ground, ramp, e.contact)
             advance(c, ramp, s)
             c.v = e.v
             if stops:
                 rest_on_border(c, model.ground, ramp, e.contact)
-        if ramp.path > 0 and e.spring >= 0:
+        if ramp.search.path > 0 and e.spring >= 0:
             spring = springs[e.spring]
             draw_spring(spring, model.curves, model.ground, ramp)
             advance_spring(spring, model.curves, ramp, s)
             spring.rate = e.sign * e.flow - (spring.tension if ramp.stepping else 0.0)
             spring.moved |= elongation_rate(e.flow, e.trial, e.compliance) != 0.0
-    if ramp.path == 0:
+    if ramp.search.path == 0:
         _set_rates_of_mesh(contacts, springs, model, model.matrix, ramp, count)
 
 
@@ -127,16 +127,16 @@ def _hold_sides(contacts, springs, model, ramp, count):
         leave_border(c, model.ground, ramp, e.contact)
         follow_ground(c, model.ground, ramp, e.contact)
         schedule_next(contacts, springs, model, ramp, e.contact)
-        if ramp.path == 0:  # springs of a graph lead to walls, whose forces change with the velocity
+        if ramp.search.path == 0:  # springs of a graph lead to walls, whose forces change with the velocity
             for k in range(c.first, c.last):
                 end = model.ends[k]
-                if contacts[end.other].mark != ramp.block and not is_flat(springs[end.spring], model.curves):
+                if contacts[end.other].mark != ramp.search.block and not is_flat(springs[end.spring], model.curves):
                     _touch_wall(contacts, springs, model, ramp, end.other)
-    if ramp.path > 0:  # a path has one wall at each end
-        if ramp.before >= 0:
-            _touch_wall(contacts, springs, model, ramp, ramp.before)
-        if ramp.behind >= 0 and ramp.behind != ramp.before:
-            _touch_wall(contacts, springs, model, ramp, ramp.behind)
+    if ramp.search.path > 0:  # a path has one wall at each end
+        if ramp.search.before >= 0:
+            _touch_wall(contacts, springs, model, ramp, ramp.search.before)
+        if ramp.search.behind >= 0 and ramp.search.behind != ramp.search.before:
+            _touch_wall(contacts, springs, model, ramp, ramp.search.behind)
 
 
 @inlined
@@ -146,19 +146,19 @@ def _solve_around(contacts, springs, model, ramp, i):
     Returns:
         False if no rates were found.
     """
-    ramp.reach = 1
+    ramp.search.reach = 1
     while True:
-        ramp.woken = 0
+        ramp.search.woken = 0
         count = find_block(contacts, springs, model, model.matrix, ramp, i)
         if not ramp.stepping and find_due(contacts, model.block, model.ground, ramp, count):
             return False
         if find_sides(contacts, springs, model, ramp, count):
             if not passes_guard(contacts, model.block, ramp, count):
                 break
-        elif not ramp.woken:
+        elif not ramp.search.woken:
             tip(contacts, springs, model, model.ground, ramp, count)
             return False
-    ramp.rows = count
+    ramp.search.rows = count
     _set_rates(contacts, springs, model, ramp, count)
     if not ramp.stepping:
         _hold_sides(contacts, springs, model, ramp, count)
@@ -177,7 +177,7 @@ def solve_listed(contacts, springs, model, ramp, count):
     Returns:
         False as soon as no rates are found.
     """
-    before = ramp.block
+    before = ramp.search.block
     for j in range(count):
         i = model.block[j].hit
         solves = ramp.stepping or (contacts[i].at != 0 and contacts[i].mark <= before)
@@ -211,7 +211,7 @@ def _stop(contacts, springs, model, ramp, i, count):
             spring = springs[model.ends[k].spring]
             draw_spring(spring, model.curves, model.ground, ramp)  # a flat one may rest until here
             advance_spring(spring, model.curves, ramp, ramp.s)
-            spring.rate = 0.0 if ramp.falling else -spring.stiffness * spring.d_length
+            spring.rate = 0.0 if ramp.fall.falling else -spring.stiffness * spring.d_length
     return count
 
 
@@ -256,7 +256,7 @@ def _touch_stopped(contacts, springs, model, ramp, count):
         if contacts[i].at == 0:
             for k in range(contacts[i].first, contacts[i].last):
                 o = model.ends[k].other
-                if contacts[o].at == 0 and (not ramp.falling or contacts[o].since < 0.0):
+                if contacts[o].at == 0 and (not ramp.fall.falling or contacts[o].since < 0.0):
                     _touch_wall(contacts, springs, model, ramp, o)
             _touch_wall(contacts, springs, model, ramp, i)
 
@@ -287,7 +287,7 @@ def _choose(contacts, springs, model, ground, curves, ramp, count):
 @lean
 def _give_up(contacts, springs, model, ramp, count):
     """Return from an unfinished fall to the ramp, and clear the list."""
-    if ramp.falling:
+    if ramp.fall.falling:
         count = end_fall(contacts, springs, model, model.ground, ramp, count)
     for j in range(count):
         contacts[model.block[j].hit].listed = 0
@@ -307,7 +307,7 @@ def _is_over(contacts, springs, ramp):
     for j in range(springs.shape[0]):
         change += springs[j].stiffness * abs(springs[j].d_length)
         size += abs(springs[j].tension)
-    over = not ramp.falling and (ramp.end - ramp.s) * change <= CRITICAL * size
+    over = not ramp.fall.falling and (ramp.end - ramp.s) * change <= CRITICAL * size
     if over:
         ramp.s = ramp.end
     return over
@@ -316,9 +316,9 @@ def _is_over(contacts, springs, ramp):
 @lean
 def _solve_blocks(contacts, springs, model, ramp, count):
     """Solve for the rates around the listed contacts, unless one falls; returns False if none were found."""
-    ramp.undetermined = ramp.loose = 0
+    ramp.search.undetermined = ramp.search.loose = 0
     if not solve_listed(contacts, springs, model, ramp, count):
-        return ramp.due > 0
+        return ramp.fall.due > 0
     _touch_stopped(contacts, springs, model, ramp, count)
     return True
 
@@ -341,7 +341,7 @@ def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
     begin, ramp.s = ramp.s, s
     if ground is None and curves is None:
         return
-    if contacts.shape[0] > ramp.few or ramp.falling:  # `sample_margin` would do nothing, for each part
+    if contacts.shape[0] > ramp.few or ramp.fall.falling:  # `sample_margin` would do nothing, for each part
         return
     if curves is not None:
         if s - begin <= CRITICAL:
@@ -367,18 +367,18 @@ def follow_events(contacts, springs, model, ramp):
         DONE, SPENT or UNSOLVED.
     """
     ground = model.ground
-    ramp.events += 1.0
+    ramp.account.events += 1.0
     count = _list_blocks(contacts, model, ramp, 0)
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
         # rates
-        if ramp.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
+        if ramp.fall.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
             over = _is_over(contacts, springs, ramp)
             _give_up(contacts, springs, model, ramp, count)
             return DONE if over else UNSOLVED
         # a contact whose bound has fallen below its force jumps: commands rest until it is held again
-        if ramp.due > 0:
+        if ramp.fall.due > 0:
             count = begin_fall(contacts, springs, model, ground, ramp, count)
             continue
         _schedule_resting(contacts, springs, model, ramp)
@@ -393,7 +393,7 @@ def follow_events(contacts, springs, model, ramp):
             _advance_ramp(contacts, springs, model, ground, model.curves, ramp, ramp.end)
             if find_due_at_end(contacts, model.block, ground, ramp):
                 continue
-            if not ramp.falling:
+            if not ramp.fall.falling:
                 return DONE
             # the jump is over, and the ramp goes on
             count = end_fall(contacts, springs, model, ground, ramp, count)
@@ -402,7 +402,7 @@ def follow_events(contacts, springs, model, ramp):
             _give_up(contacts, springs, model, ramp, count)
             return SPENT
         if s > ramp.s:
-            ramp.events += 1.0
+            ramp.account.events += 1.0
             ramp.passed = 0
         _advance_ramp(contacts, springs, model, ground, model.curves, ramp, s)
         count = _meet(contacts, springs, model, ramp)

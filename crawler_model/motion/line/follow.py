@@ -53,8 +53,10 @@ def _begin_contacts(contacts, model, ramp, target, springs):
 def _begin(contacts, springs, model, ramp, target):
     """Begin a ramp: what its commands change, and the rates if no contact moves; returns whether anything changes."""
     ramp.s, ramp.end, ramp.witness = 0.0, 1.0, 0
-    ramp.begun = ramp.stepping = ramp.hurries = ramp.shifted = ramp.falling = ramp.due = ramp.parted = 0
-    ramp.undetermined = ramp.loose = ramp.passed = 0
+    ramp.begun = ramp.stepping = ramp.search.hurries = ramp.shifted = ramp.fall.falling = ramp.fall.due = (
+        ramp.parted
+    ) = 0
+    ramp.search.undetermined = ramp.search.loose = ramp.passed = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     span = ramp.span
     for j in range(springs.shape[0]):
@@ -117,7 +119,7 @@ def _finish_spring(contacts, springs, spring, model, ramp, length):
             kept = min(max(spring.tension, tension - leash), tension + leash)
             if kept != spring.tension:
                 softest = max(_softest(springs, model.ends, a), _softest(springs, model.ends, b))
-                ramp.corrected = max(ramp.corrected, abs(kept - spring.tension) * softest)
+                ramp.account.corrected = max(ramp.account.corrected, abs(kept - spring.tension) * softest)
                 spring.tension = kept
             spring.elongation = z
             spring.still_tension, spring.still_length = spring.tension, spring.length
@@ -136,7 +138,7 @@ def _certify(contacts, springs, model, ramp):
     so is the displacement that the corrections of tensions lead to. A violation that no rounding explains is the error
     of a ramp that was not solved.
     """
-    rounding, wrong, missed, total = ramp.corrected, 0.0, 0.0, 0.0
+    rounding, wrong, missed, total = ramp.account.corrected, 0.0, 0.0, 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
         above, below, blocked = c.forward - c.force, c.backward + c.force, blocked_sides(model.ground, i)
@@ -147,16 +149,16 @@ def _certify(contacts, springs, model, ramp):
         excess, friction = -min(above, below), abs(c.forward) + abs(c.backward)
         total += friction
         if excess > 0.0:
-            ramp.violation = max(ramp.violation, excess)
+            ramp.account.violation = max(ramp.account.violation, excess)
             rounding = max(rounding, excess * _softest(springs, model.ends, c))
             if excess > MISSED * friction:
                 missed = max(missed, excess - _BLUR * size_of_terms(contacts, springs, model.ends, c))
         if c.v != 0.0:
             wrong = max(wrong, abs(c.v * (above if c.v > 0.0 else below)))
-    ramp.complementarity = max(ramp.complementarity, wrong)
-    ramp.rounding += rounding
+    ramp.account.complementarity = max(ramp.account.complementarity, wrong)
+    ramp.account.rounding += rounding
     if ramp.exact and missed > _BLUR * total:
-        ramp.unsolved = 1.0
+        ramp.account.unsolved = 1.0
 
 
 @inlined
@@ -164,13 +166,15 @@ def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
     wake_all(contacts, springs, model.runs, ramp)
     _finish_contacts(contacts, model, ramp, target, springs.shape[0])
-    stored = ramp.corrected = 0.0
+    stored = ramp.account.corrected = 0.0
     for j in range(springs.shape[0]):
         stored += _finish_spring(contacts, springs, springs[j], model, ramp, target[j])
     _certify(contacts, springs, model, ramp)
     if ramp.s == 1.0:
-        ramp.visited = min(ramp.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
-    ramp.residual = (stored - ramp.stored) + (ramp.dissipation + ramp.internal) - ramp.work
+        ramp.account.visited = min(ramp.account.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
+    ramp.account.residual = (
+        (stored - ramp.stored) + (ramp.account.dissipation + ramp.account.internal) - ramp.account.work
+    )
     return stored
 
 
@@ -197,31 +201,33 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
     ramp.effort += contacts.shape[0]
     if outcome == UNSOLVED and slide(contacts, springs, model, ground, model.curves, ramp):
         return FOLLOWS
-    if ramp.runaway != 0:
+    if ramp.fall.runaway != 0:
         return ENDS
     if outcome == SPENT:
-        ramp.overspent = 1.0
+        ramp.account.overspent = 1.0
         if has_walls(ground) or is_gradual(ground):  # an implicit step would lead contacts through walls and slopes
             ramp.effort = 0
             return FOLLOWS
     else:
-        ramp.unsolved = 1.0
+        ramp.account.unsolved = 1.0
     return STEPS
 
 
 @lean
 def _judge_balance(contacts, springs, ramp, stored):
     """Count a ramp as not solved if its energies do not balance, although no implicit step completed it."""
-    missed = abs(ramp.residual)
-    energies = abs(stored) + abs(ramp.stored) + abs(ramp.dissipation) + ramp.internal + abs(ramp.work)
-    if not ramp.exact or ramp.overspent or missed <= MISSED * energies:
+    missed = abs(ramp.account.residual)
+    energies = (
+        abs(stored) + abs(ramp.stored) + abs(ramp.account.dissipation) + ramp.account.internal + abs(ramp.account.work)
+    )
+    if not ramp.exact or ramp.account.overspent or missed <= MISSED * energies:
         return
     for j in range(springs.shape[0]):
         missed -= _BLUR * ramp.span * abs(springs[j].tension)
     for i in range(contacts.shape[0]):
         missed -= _BLUR * ramp.span * max(min(contacts[i].forward, contacts[i].backward), 0.0)
     if missed > 0.0:
-        ramp.unsolved = 1.0
+        ramp.account.unsolved = 1.0
 
 
 @lean
@@ -234,7 +240,7 @@ def _follow_ramp(contacts, springs, model, ramp, target):
         else:
             outcome = DONE
             if not take_step(contacts, springs, model, ramp):
-                ramp.unsolved = 1.0
+                ramp.account.unsolved = 1.0
         stored = _finish(contacts, springs, model, ramp, target)
         how = _continue(contacts, springs, model, model.ground, ramp, outcome)
         if how == ENDS or not _begin(contacts, springs, model, ramp, target):
@@ -266,31 +272,35 @@ def _record_remembered(springs, curves, row):
 @inlined
 def _begin_account(ramp):
     """Empty the account of the ramp."""
-    ramp.work = ramp.dissipation = ramp.internal = ramp.loads_work = ramp.residual = ramp.lost = 0.0
-    ramp.violation = ramp.complementarity = ramp.ambiguous = ramp.gain_least = ramp.gain_most = 0.0
-    ramp.overspent = ramp.unsolved = ramp.rounding = 0.0
-    ramp.visited = np.inf
-    ramp.events = 0.0 if ramp.exact else 1.0
+    ramp.account.work = ramp.account.dissipation = ramp.account.internal = ramp.account.loads_work = (
+        ramp.account.residual
+    ) = ramp.fall.lost = 0.0
+    ramp.account.violation = ramp.account.complementarity = ramp.account.ambiguous = ramp.account.gain_least = (
+        ramp.account.gain_most
+    ) = 0.0
+    ramp.account.overspent = ramp.account.unsolved = ramp.account.rounding = 0.0
+    ramp.account.visited = np.inf
+    ramp.account.events = 0.0 if ramp.exact else 1.0
 
 
 @inlined
 def _add_ramp(account, ramp):
     """Add the account of the ramp to the total; what is lost in jumps is not lost to friction."""
-    account[state.WORK] += ramp.work
-    account[state.DISSIPATION] += ramp.dissipation - ramp.lost
-    account[state.LOADS_WORK] += ramp.loads_work
-    account[state.INTERNAL] += ramp.internal
-    account[state.RESIDUAL] += ramp.residual
-    account[state.EVENTS] += ramp.events
-    account[state.GAIN_LEAST] += ramp.gain_least
-    account[state.GAIN_MOST] += ramp.gain_most
-    account[state.OVERSPENT] += ramp.overspent
-    account[state.UNSOLVED] += ramp.unsolved
-    account[state.ROUNDING] += ramp.rounding
-    account[state.VIOLATION] = max(account[state.VIOLATION], ramp.violation)
-    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], ramp.complementarity)
-    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], ramp.ambiguous)
-    account[state.VISITED] = min(account[state.VISITED], ramp.visited)
+    account[state.WORK] += ramp.account.work
+    account[state.DISSIPATION] += ramp.account.dissipation - ramp.fall.lost
+    account[state.LOADS_WORK] += ramp.account.loads_work
+    account[state.INTERNAL] += ramp.account.internal
+    account[state.RESIDUAL] += ramp.account.residual
+    account[state.EVENTS] += ramp.account.events
+    account[state.GAIN_LEAST] += ramp.account.gain_least
+    account[state.GAIN_MOST] += ramp.account.gain_most
+    account[state.OVERSPENT] += ramp.account.overspent
+    account[state.UNSOLVED] += ramp.account.unsolved
+    account[state.ROUNDING] += ramp.account.rounding
+    account[state.VIOLATION] = max(account[state.VIOLATION], ramp.account.violation)
+    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], ramp.account.complementarity)
+    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], ramp.account.ambiguous)
+    account[state.VISITED] = min(account[state.VISITED], ramp.account.visited)
 
 
 @lean
@@ -337,7 +347,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], ground, memory[6], curves)
     ramp = ramps[0]
     ramp.stored = 0.0
-    ramp.jumps = ramp.runaway = ramp.block = 0
+    ramp.fall.jumps = ramp.fall.runaway = ramp.search.block = 0
     ramp.span = 0.0
     begin_interval(model.curves, ramp)
     for i in range(contacts.shape[0]):
@@ -351,8 +361,8 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
             ramp.effort, ramp.number, ramp.done, ramp.slides = 0, v, 0.0, 0
             _begin_account(ramp)
             ramp.stored = _follow_ramp(contacts, springs, model, ramp, target)
-            if ramp.runaway != 0:
-                return ramp.runaway
+            if ramp.fall.runaway != 0:
+                return ramp.fall.runaway
             _add_ramp(account, ramp)
         if records.shape[0] > 0:
             _record(contacts, springs, curves, account, records[v])

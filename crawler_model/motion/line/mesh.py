@@ -120,7 +120,7 @@ def _find_flows(contacts, springs, model, ramp, count):
         e.pull = 0.0
         for k in range(c.first, c.last):
             o, spring = contacts[ends[k].other], springs[ends[k].spring]
-            source = 0.0 if ramp.falling else ends[k].sign * spring.d_length
+            source = 0.0 if ramp.fall.falling else ends[k].sign * spring.d_length
             ends[k].flow = spring.stiffness * _difference(_velocity_of(block, o, c), e.v, source)
             e.pull += ends[k].flow
         if e.side != 0:

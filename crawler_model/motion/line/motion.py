@@ -225,8 +225,8 @@ class LineMotion:
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
         ramps = zeros(1, RAMP)
-        ramps["leaf_size"], ramps["shortest"] = build.LEAF_SIZE, build.SHORTEST_BLOCK
-        ramps["projects_after"], ramps["patience"] = build.PROJECTS_AFTER, build.PATIENCE
+        ramps["search"]["leaf_size"], ramps["search"]["shortest"] = build.LEAF_SIZE, build.SHORTEST_BLOCK
+        ramps["search"]["projects_after"], ramps["search"]["patience"] = build.PROJECTS_AFTER, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         memory = build.build_memory(self.body, self.track is not None and self.track.profile is not None)
         return Scratch(ramps, memory, ramps["budget"], ramps["exact"])
@@ -309,7 +309,7 @@ class LineMotion:
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
                 return ()
-            count = int(ramps["jumps"][0])
+            count = int(ramps["fall"]["jumps"][0])
             if not runaway and count <= room:
                 rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
                 return tuple(Jump(*row) for row in rows.tolist())
@@ -353,7 +353,7 @@ class LineMotion:
     def _describe_runaway(self, state: LineState, scratch: Scratch, direction: int) -> str:
         """Build the message about what nothing holds: a part of the body, or all of it on the ground it reaches."""
         side = "forward" if direction > 0 else "backward"
-        loose = abs(int(scratch.ramps["loose"][0]))
+        loose = abs(int(scratch.ramps["search"]["loose"][0]))
         if (loose and self.body.bends) or self.track is None or state.feet is None:
             name = self.body.name_of(max(loose - 1, 0))
             return (

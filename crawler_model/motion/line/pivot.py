@@ -26,7 +26,7 @@ ROUNDING = 32.0 * EPS
 @inlined
 def _count_resting(ramp, block, count):
     """Count the contacts at rest of a block that no others hold, and find the last of them; 2 if some do."""
-    if ramp.anchored:
+    if ramp.search.anchored:
         return 2, -1
     resting, last = 0, -1
     for j in range(count):
@@ -66,7 +66,7 @@ def _find_brake(ramp, block, count, last_only):
         if (balances or e.side * excess < 0.0) and (last_only or abs(e.v) < slowest):
             brake, slowest = j, abs(e.v)
     if brake < 0:
-        ramp.loose = (1 + block[0].contact) * (1 if excess > 0.0 else -1)
+        ramp.search.loose = (1 + block[0].contact) * (1 if excess > 0.0 else -1)
     return brake, balances
 
 
@@ -126,7 +126,7 @@ def _exchange(block, count, last_only):
 @lean
 def _is_loose(ramp, block, curves, count):
     """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
-    if curves is None or ramp.anchored:
+    if curves is None or ramp.search.anchored:
         return False
     most = least = size = 0.0
     for j in range(count):
@@ -140,7 +140,7 @@ def _is_loose(ramp, block, curves, count):
     near = 64.0 * EPS * size
     if most >= -near and least <= near:
         return False
-    ramp.loose = (1 + block[0].contact) * (1 if most < -near else -1)
+    ramp.search.loose = (1 + block[0].contact) * (1 if most < -near else -1)
     return True
 
 
@@ -164,10 +164,10 @@ def find_sides(contacts, springs, model, ramp, count):
     """
     block = model.block
     best, waited, last_only = count + 1, 0, False
-    hurries = ramp.hurries != 0 and ramp.path == 0  # the search begins elsewhere if it takes long
-    patience = ramp.patience if hurries else ramp.patience + count
-    visits = 0 if ramp.stepping else ramp.projects_after * ramp.path
-    projects = ramp.path > 0
+    hurries = ramp.search.hurries != 0 and ramp.search.path == 0  # the search begins elsewhere if it takes long
+    patience = ramp.search.patience if hurries else ramp.search.patience + count
+    visits = 0 if ramp.stepping else ramp.search.projects_after * ramp.search.path
+    projects = ramp.search.path > 0
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
         found = search_sides(contacts, springs, model, model.ground, ramp, count)
@@ -193,7 +193,7 @@ def find_sides(contacts, springs, model, ramp, count):
             side = block[brake].side
             block[brake].side = 0
         # velocities of those that slide, forces on those that rest
-        if ramp.path > 0:
+        if ramp.search.path > 0:
             solve_path(block, count)
         else:
             solve_mesh(contacts, springs, model, model.matrix, ramp, count)
@@ -208,7 +208,7 @@ def find_sides(contacts, springs, model, ramp, count):
         # all that violate their condition change sides, or only the last one while their number does not fall
         found = _exchange(block, count, last_only)
         if found == 0:
-            ramp.undetermined |= balances
+            ramp.search.undetermined |= balances
             return True
         last_only = False
         if found < best:

@@ -25,39 +25,39 @@ def _split(breaks, ramp, e, zero, left, right):
     Slope and jump on both sides of the zero are `left` and `right`.
     """
     if e.lower == -np.inf:
-        ramp.left = 0
+        ramp.search.left = 0
     else:
-        b = breaks[ramp.left]
-        b.at, b.slope, b.jump = zero - ramp.low, left[0], left[1]
-        ramp.left += 1
-        ramp.low += e.lower
+        b = breaks[ramp.search.left]
+        b.at, b.slope, b.jump = zero - ramp.search.low, left[0], left[1]
+        ramp.search.left += 1
+        ramp.search.low += e.lower
     if e.upper == np.inf:
-        ramp.right = breaks.shape[0]
+        ramp.search.right = breaks.shape[0]
     else:
-        ramp.right -= 1
-        b = breaks[ramp.right]
-        b.at, b.slope, b.jump = zero - ramp.high, right[0], right[1]
-        ramp.high += e.upper
+        ramp.search.right -= 1
+        b = breaks[ramp.search.right]
+        b.at, b.slope, b.jump = zero - ramp.search.high, right[0], right[1]
+        ramp.search.high += e.upper
 
 
 @lean
 def _move_left(breaks, ramp, zero, v, slope):
     """Move the zero to the left of breakpoints, which change stacks, from a value v > 0 at the first of them."""
     while True:
-        ramp.left -= 1
-        b = breaks[ramp.left]
+        ramp.search.left -= 1
+        b = breaks[ramp.search.left]
         beyond, jump = b.slope, b.jump
         if v <= jump:
             return zero, (beyond, jump - v), (slope, v)
-        ramp.right -= 1
-        b = breaks[ramp.right]
-        b.at, b.slope, b.jump = zero - ramp.high, slope, jump
+        ramp.search.right -= 1
+        b = breaks[ramp.search.right]
+        b.at, b.slope, b.jump = zero - ramp.search.high, slope, jump
         v, slope = v - jump, beyond
-        low = breaks[ramp.left - 1].at + ramp.low if ramp.left > 0 else -np.inf
-        target = zero - v / (slope + ramp.compliance)
+        low = breaks[ramp.search.left - 1].at + ramp.search.low if ramp.search.left > 0 else -np.inf
+        target = zero - v / (slope + ramp.search.compliance)
         if target >= low:
             return target, (slope, 0.0), (slope, 0.0)
-        v -= (slope + ramp.compliance) * (zero - low)
+        v -= (slope + ramp.search.compliance) * (zero - low)
         zero = low
 
 
@@ -65,20 +65,20 @@ def _move_left(breaks, ramp, zero, v, slope):
 def _move_right(breaks, ramp, zero, v, slope):
     """Move the zero to the right of breakpoints, which change stacks, from a value v < 0 at the first of them."""
     while True:
-        b = breaks[ramp.right]
+        b = breaks[ramp.search.right]
         beyond, jump = b.slope, b.jump
-        ramp.right += 1
+        ramp.search.right += 1
         if -v <= jump:
             return zero, (slope, -v), (beyond, jump + v)
-        b = breaks[ramp.left]
-        b.at, b.slope, b.jump = zero - ramp.low, slope, jump
-        ramp.left += 1
+        b = breaks[ramp.search.left]
+        b.at, b.slope, b.jump = zero - ramp.search.low, slope, jump
+        ramp.search.left += 1
         v, slope = v + jump, beyond
-        high = breaks[ramp.right].at + ramp.high if ramp.right < breaks.shape[0] else np.inf
-        target = zero - v / (slope + ramp.compliance)
+        high = breaks[ramp.search.right].at + ramp.search.high if ramp.search.right < breaks.shape[0] else np.inf
+        target = zero - v / (slope + ramp.search.compliance)
         if target <= high:
             return target, (slope, 0.0), (slope, 0.0)
-        v += (slope + ramp.compliance) * (high - zero)
+        v += (slope + ramp.search.compliance) * (high - zero)
         zero = high
 
 
@@ -91,11 +91,11 @@ def _find_zero(breaks, ramp, spring):
     Returns:
         The zero [N]; slope and jump to the left of it; the same to the right.
     """
-    first, last, n = ramp.left, ramp.right, breaks.shape[0]
-    low = breaks[first - 1].at + ramp.low if first > 0 else -np.inf
-    high = breaks[last].at + ramp.high if last < n else np.inf
-    rest, zero = -ramp.compliance, spring.trial
-    ramp.compliance += spring.compliance
+    first, last, n = ramp.search.left, ramp.search.right, breaks.shape[0]
+    low = breaks[first - 1].at + ramp.search.low if first > 0 else -np.inf
+    high = breaks[last].at + ramp.search.high if last < n else np.inf
+    rest, zero = -ramp.search.compliance, spring.trial
+    ramp.search.compliance += spring.compliance
     if zero < low:
         return _move_left(breaks, ramp, low, spring.compliance * (low - zero), rest)
     if zero > high:
@@ -107,12 +107,12 @@ def _find_zero(breaks, ramp, spring):
 def project(model, ramp, count):
     """Find which contacts of a path slide, and write their sides in its block."""
     block, breaks = model.block, model.breaks
-    ramp.left, ramp.right = 0, breaks.shape[0]
-    ramp.low = ramp.high = ramp.compliance = 0.0
+    ramp.search.left, ramp.search.right = 0, breaks.shape[0]
+    ramp.search.low = ramp.search.high = ramp.search.compliance = 0.0
     zero, most = 0.0, 0.0
     left = right = (0.0, np.inf)
     if block[0].spring >= 0:
-        ramp.compliance = block[0].compliance
+        ramp.search.compliance = block[0].compliance
         zero, left, right = block[0].trial, (0.0, 0.0), (0.0, 0.0)
     for j in range(count):
         block[j].zero = zero

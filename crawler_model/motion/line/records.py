@@ -207,24 +207,12 @@ RUN = np.dtype(
 
 SEVERAL = 2
 """Value of `shifted` in a RAMP where several translations are admissible."""
-RAMP = np.dtype(
+SEARCH = np.dtype(
     [
-        ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
-        ("end", _FLOAT),  # where that ends: 1, in a fall a hair before 0
-        ("stepping", _BYTE),  # whether the ramp is one implicit step
-        ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("hurries", _BYTE),  # whether the search for its solution ends as soon as it makes no progress
-        ("begun", _BYTE),  # whether the first stretch has begun, and the tournament holds all events
-        ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
-        ("effort", _LONG),  # contacts solved so far, counted in every round
-        ("budget", _LONG),  # effort beyond which the ramp is completed by one implicit step
-        ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
         ("block", _LONG),  # number of the present block, increasing
         ("rows", _INT),  # number of its rows
         ("anchored", _BYTE),  # whether contacts at rest next to the present block hold it
-        ("parted", _BYTE),  # whether the parts of the body are known
-        ("slides", _INT),  # how often contacts that nothing holds slid to knots
-        ("passed", _INT),  # knots passed at s
         ("loose", _INT),  # 1 + a contact of a block that nothing holds; < 0 if that slides backward, 0 if there is none
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("before", _INT),  # contacts at rest next to the path, -1 where it ends
@@ -237,28 +225,31 @@ RAMP = np.dtype(
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
         ("projects_after", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
-        ("few", _INT),  # contacts up to which the margin is computed and all parts are looked at at every event
-        ("together", _INT),  # knots passed at one place before they are passed one after another
-        ("turns", _INT),  # solutions of an implicit step before pieces of curves are changed one by one
-        ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
-        ("last", _INT),
-        ("present", _INT),  # its number
-        ("parts", _INT),  # number of the last part that was listed by itself, < 0
-        ("slower", _FLOAT),  # change of the net velocity by other translations of the present stretch [m]
-        ("faster", _FLOAT),
-        ("strays", _BYTE),  # whether contacts of a body with bent springs could be elsewhere, see `critical.interval`
-        ("until", _FLOAT),  # place on the ramp where the present stretch ends, while its translation is chosen
-        ("witness", _INT),  # contact at which the search for forces away from their bounds begins
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
         ("left", _INT),  # breakpoints of `project`: the first of them for v < 0, the last of them for v > 0
         ("right", _INT),
         ("low", _FLOAT),  # what both parts are shifted by [N]
         ("high", _FLOAT),
         ("compliance", _FLOAT),  # what the springs so far add to all slopes [m/N]
-        ("friction", _FLOAT),  # sum of all bounds at s = 0 [N]
-        ("d_friction", _FLOAT),  # its change along the ramp [N]
-        ("stored", _FLOAT),  # elastic energy at the start of the ramp [J]
-        # its account, as in `motion.state`
+    ],
+    align=True,
+)
+"""The search for the rates of the present block, and what it may cost."""
+FALL = np.dtype(
+    [
+        ("due", _INT),  # 1 + a contact that falls at s; 0 if none is known
+        ("falling", _BYTE),  # whether commands rest and bounds fall
+        ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
+        ("drawn", _INT),  # number of contacts that take part in the present fall
+        ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
+        ("jumps", _INT),  # number of jumps of the present call
+        ("lost", _FLOAT),  # energy lost in jumps [J]
+    ],
+    align=True,
+)
+"""A fall on ground that holds less, see `ground.falls`, and its jumps."""
+ACCOUNT = np.dtype(
+    [
         ("work", _FLOAT),  # of the actuators [J]
         ("dissipation", _FLOAT),  # by the bounds, which contain the loads [J]
         ("internal", _FLOAT),  # by sliders [J]
@@ -275,17 +266,45 @@ RAMP = np.dtype(
         ("gain_most", _FLOAT),
         ("overspent", _FLOAT),  # 1 if the budget was spent
         ("unsolved", _FLOAT),  # 1 if no rates were found, or if the certificate shows more than rounding
+    ],
+    align=True,
+)
+"""The account of a ramp, as in `motion.state`."""
+RAMP = np.dtype(
+    [
+        ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
+        ("end", _FLOAT),  # where that ends: 1, in a fall a hair before 0
+        ("stepping", _BYTE),  # whether the ramp is one implicit step
+        ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
+        ("begun", _BYTE),  # whether the first stretch has begun, and the tournament holds all events
+        ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
+        ("effort", _LONG),  # contacts solved so far, counted in every round
+        ("budget", _LONG),  # effort beyond which the ramp is completed by one implicit step
+        ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step
+        ("parted", _BYTE),  # whether the parts of the body are known
+        ("slides", _INT),  # how often contacts that nothing holds slid to knots
+        ("passed", _INT),  # knots passed at s
+        ("few", _INT),  # contacts up to which the margin is computed and all parts are looked at at every event
+        ("together", _INT),  # knots passed at one place before they are passed one after another
+        ("turns", _INT),  # solutions of an implicit step before pieces of curves are changed one by one
+        ("first", _INT),  # present part of the body: its places in the list of parts are first .. last - 1
+        ("last", _INT),
+        ("present", _INT),  # its number
+        ("parts", _INT),  # number of the last part that was listed by itself, < 0
+        ("slower", _FLOAT),  # change of the net velocity by other translations of the present stretch [m]
+        ("faster", _FLOAT),
+        ("strays", _BYTE),  # whether contacts of a body with bent springs could be elsewhere, see `critical.interval`
+        ("until", _FLOAT),  # place on the ramp where the present stretch ends, while its translation is chosen
+        ("witness", _INT),  # contact at which the search for forces away from their bounds begins
+        ("friction", _FLOAT),  # sum of all bounds at s = 0 [N]
+        ("d_friction", _FLOAT),  # its change along the ramp [N]
+        ("stored", _FLOAT),  # elastic energy at the start of the ramp [J]
         ("number", _INT),  # of the ramp in the present call
-        # on patches of ground
         ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it
-        ("due", _INT),  # 1 + a contact that falls at s; 0 if none is known
-        ("falling", _BYTE),  # whether commands rest and bounds fall
-        ("rests", _FLOAT),  # place on the ramp at which commands rest in a fall
-        ("drawn", _INT),  # number of contacts that take part in the present fall
-        ("runaway", _BYTE),  # direction in which nothing holds the body, 1 or -1; else 0
         ("span", _FLOAT),  # a length that rounds like all positions [m]
-        ("jumps", _INT),  # number of jumps of the present call
-        ("lost", _FLOAT),  # energy lost in jumps [J]
+        ("search", SEARCH),
+        ("fall", FALL),
+        ("account", ACCOUNT),
     ],
     align=True,
 )

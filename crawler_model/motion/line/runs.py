@@ -6,7 +6,7 @@ Through a run of sliding contacts, velocity and rate of tension change like thro
 
 with `stretch` the velocity that its springs add if the rate before it is zero, and `rise` the sum of the rates of the
 forces of its contacts. Such maps are composed, so runs form a tree: contacts make leaves, and as many sleeping runs
-side by side, `ramp.leaf_size`, make a larger one. A block of n contacts then has some log n rows.
+side by side, `ramp.search.leaf_size`, make a larger one. A block of n contacts then has some log n rows.
 
 A sleeping run integrates over s its velocity and its rate, and s times each of them; displacements, tensions and work
 follow when it wakes. It wakes when one of its contacts may turn round: v_i differs from what it was when last looked at
@@ -41,7 +41,7 @@ def _advance_run(run, s):
 @lean
 def _begin_run(run, ramp, v, rate):
     """Let a run fall asleep at s."""
-    run.sleeps, run.mark, run.since = 1, ramp.block, ramp.s
+    run.sleeps, run.mark, run.since = 1, ramp.search.block, ramp.s
     run.v, run.rate = v, rate
     run.seen_v, run.seen_rate = v, rate
     run.time = run.way = run.pull = run.time_moment = run.way_moment = run.pull_moment = 0.0
@@ -61,7 +61,7 @@ def _find_bounds(run, v, rate):
 def _wake_children(runs, run, ramp):
     """Hand what a run of runs has integrated to its children."""
     stretch = compliance = rise = 0.0
-    for k in range(run.child, run.child + ramp.leaf_size):
+    for k in range(run.child, run.child + ramp.search.leaf_size):
         child = runs[k]
         child.v, child.rate, child.since = run.v + (stretch + compliance * run.rate), run.rate + rise, run.since
         child.time += run.time
@@ -85,7 +85,7 @@ def _wake_contacts(contacts, springs, run, ramp):
         moment = run.pull_moment + rise * run.time_moment
         # the integral of T over s is s T at its end less s T at its beginning less the integral of s times the rate
         before, after = spring.tension, spring.tension + pull
-        ramp.work -= spring.d_length * ((run.since * after - spring.since * before) - moment)
+        ramp.account.work -= spring.d_length * ((run.since * after - spring.since * before) - moment)
         spring.tension, spring.rate, spring.since, spring.moved = after, run.rate + rise, run.since, 1
         stretch += spring.d_length + rise * spring.compliance
         compliance += spring.compliance
@@ -93,10 +93,10 @@ def _wake_contacts(contacts, springs, run, ramp):
         moment = run.way_moment + stretch * run.time_moment + compliance * run.pull_moment
         c.v = run.v + (stretch + compliance * run.rate)
         if c.at & FORWARD:
-            ramp.dissipation += c.forward * way + c.d_forward * moment
+            ramp.account.dissipation += c.forward * way + c.d_forward * moment
         else:
-            ramp.dissipation -= c.backward * way + c.d_backward * moment
-        ramp.loads_work += c.load * way + c.d_load * moment
+            ramp.account.dissipation -= c.backward * way + c.d_backward * moment
+        ramp.account.loads_work += c.load * way + c.d_load * moment
         move(c, way)
         c.force += c.force_rate * (run.since - c.since)
         c.since = run.since
@@ -131,9 +131,9 @@ def wake_all(contacts, springs, runs, ramp):
     """
     if runs is None:
         return False
-    asleep = ramp.asleep != 0
+    asleep = ramp.search.asleep != 0
     if asleep:
-        ramp.asleep = 0
+        ramp.search.asleep = 0
         _wake_within(contacts, springs, runs, ramp, 0, contacts.shape[0] - 1)
     return asleep
 
@@ -151,13 +151,13 @@ def wake_block(contacts, springs, block, runs, ramp, count):
     if runs is None:
         return False
     found = False
-    for j in range(count if ramp.asleep else 0):
+    for j in range(count if ramp.search.asleep else 0):
         found |= block[j].run >= 0
     if not found:
         return False
     last = block[count - 1].contact
-    _wake_within(contacts, springs, runs, ramp, last + 1 - ramp.path, last)
-    ramp.woken = 1
+    _wake_within(contacts, springs, runs, ramp, last + 1 - ramp.search.path, last)
+    ramp.search.woken = 1
     return True
 
 
@@ -168,9 +168,9 @@ def find_run(runs, ramp, i):
     Returns:
         Its index; -1 if the contact is awake.
     """
-    if runs is None or not ramp.asleep:
+    if runs is None or not ramp.search.asleep:
         return -1
-    k = i // ramp.leaf_size
+    k = i // ramp.search.leaf_size
     if not runs[k].sleeps:
         return -1
     while runs[k].parent >= 0 and runs[runs[k].parent].sleeps:
@@ -219,15 +219,15 @@ def wake_turning(contacts, springs, block, runs, ramp, count):
     """
     if runs is None:
         return False
-    for j in range(count if ramp.asleep else 0):
+    for j in range(count if ramp.search.asleep else 0):
         e = block[j]
         if e.run < 0:
             continue
         least, most = _find_bounds(runs[e.run], e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)
         if least < 0.0 or most > 0.0:
             _wake(contacts, springs, runs, ramp, e.run)
-            ramp.woken = 1
-    return ramp.woken != 0
+            ramp.search.woken = 1
+    return ramp.search.woken != 0
 
 
 @inlined
@@ -235,13 +235,13 @@ def set_runs(springs, block, runs, ramp, count):
     """Give the sleeping runs of a solved block the velocities and rates that were found."""
     if runs is None:
         return
-    for j in range(count if ramp.asleep else 0):
+    for j in range(count if ramp.search.asleep else 0):
         e = block[j]
         if e.run >= 0:
             run = runs[e.run]
             _advance_run(run, ramp.s)
             run.v, run.rate = e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow
-            run.mark = ramp.block
+            run.mark = ramp.search.block
             springs[e.spring].rate = e.flow  # for the wall before it
 
 
@@ -254,14 +254,14 @@ def _sleeps_soundly(c, e):
 @lean
 def _form_leaf(contacts, springs, block, run, ramp, j):
     """Let the contacts of rows j .. fall asleep as a leaf if all of them slide; returns whether they do."""
-    for t in range(ramp.leaf_size):
+    for t in range(ramp.search.leaf_size):
         e = block[j + t]
         c = contacts[e.contact]
         if not _sleeps_soundly(c, e) or c.at == FORWARD | BACKWARD:
             return False
     e = block[j]
     _begin_run(run, ramp, e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)
-    for t in range(ramp.leaf_size):
+    for t in range(ramp.search.leaf_size):
         e = block[j + t]
         spring = springs[e.spring]
         run.stretch += spring.d_length + run.rise * spring.compliance
@@ -278,10 +278,10 @@ def _form_leaf(contacts, springs, block, run, ramp, j):
 def _join(runs, ramp, k):
     """Let run k and its siblings fall asleep as one run if all of them sleep in this block, and so on upwards."""
     p = runs[k].parent
-    while p >= 0 and runs[p].whole and runs[p].child + ramp.leaf_size - 1 == k:
+    while p >= 0 and runs[p].whole and runs[p].child + ramp.search.leaf_size - 1 == k:
         parent = runs[p]
         for child in range(parent.child, k + 1):
-            if not runs[child].sleeps or runs[child].mark != ramp.block:
+            if not runs[child].sleeps or runs[child].mark != ramp.search.block:
                 return
         _begin_run(parent, ramp, runs[parent.child].v, runs[parent.child].rate)
         for child in range(parent.child, k + 1):
@@ -297,15 +297,15 @@ def _join(runs, ramp, k):
 @lean
 def fall_asleep(contacts, springs, block, runs, ramp, count):
     """Let runs of contacts of a solved block fall asleep."""
-    if runs is None or ramp.path < ramp.shortest:
+    if runs is None or ramp.search.path < ramp.search.shortest:
         return
     j = 0
     while j < count:
         k, step = block[j].run, 1
-        if k < 0 and block[j].contact % ramp.leaf_size == 0 and j + ramp.leaf_size <= count:
-            leaf = block[j].contact // ramp.leaf_size
+        if k < 0 and block[j].contact % ramp.search.leaf_size == 0 and j + ramp.search.leaf_size <= count:
+            leaf = block[j].contact // ramp.search.leaf_size
             if runs[leaf].whole and _form_leaf(contacts, springs, block, runs[leaf], ramp, j):
-                k, step, ramp.asleep = leaf, ramp.leaf_size, 1
+                k, step, ramp.search.asleep = leaf, ramp.search.leaf_size, 1
         if k >= 0:
             _join(runs, ramp, k)
         j += step

@@ -36,7 +36,7 @@ def _solve_step(contacts, springs, model, curves, ramp):
     it is solved anew with their pieces there (Newton's method for a piecewise linear function).
     """
     n = contacts.shape[0]
-    ramp.undetermined = 0
+    ramp.search.undetermined = 0
     if curves is None:
         model.block[0].hit = n - 1
         if not solve_listed(contacts, springs, model, ramp, 1):
@@ -56,12 +56,12 @@ def _solve_step(contacts, springs, model, curves, ramp):
 def _solve_parts(contacts, springs, model, curves, ramp):
     """Solve an implicit step for each part of the body in turn; returns False if one has no solution."""
     begin_parts(contacts, springs, model, curves, ramp)
-    ramp.loose = ramp.undetermined = 0
+    ramp.search.loose = ramp.search.undetermined = 0
     while next_part(model.block, curves, ramp, contacts.shape[0]):
         model.block[0].hit = model.block[ramp.first].member
         if not solve_listed(contacts, springs, model, ramp, 1):
             return False
-        _keep_step(contacts, springs, model, ramp.rows)
+        _keep_step(contacts, springs, model, ramp.search.rows)
     return True
 
 
@@ -85,14 +85,14 @@ def take_step(contacts, springs, model, ramp):
     keep_part(contacts, model, model.curves, solved)
     while solved < 1.0:
         ramp.part = min(solved + step, 1.0)
-        ramp.hurries = step > _SMALLEST_PART
+        ramp.search.hurries = step > _SMALLEST_PART
         if _solve_step(contacts, springs, model, model.curves, ramp):
             if divided and ramp.part == 1.0:
                 divided = False
             else:
                 solved, step = ramp.part, 2.0 * step
                 keep_part(contacts, model, model.curves, solved)
-        elif ramp.hurries and ramp.effort <= most:
+        elif ramp.search.hurries and ramp.effort <= most:
             step, divided = 0.5 * step, True
             return_to_part(contacts, springs, model, model.curves, ramp)
         else:

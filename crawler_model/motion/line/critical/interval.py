@@ -91,7 +91,7 @@ def follow_strays(contacts, springs, curves, ramp, until, lasts):
         until: where the stretch that begins at s ends.
         lasts: whether it is more than an instant in which several translations are admissible.
     """
-    if curves is None or not ramp.strays or ramp.falling:
+    if curves is None or not ramp.strays or ramp.fall.falling:
         return
     ds = until - ramp.s
     for i in range(curves.strays.shape[0]):

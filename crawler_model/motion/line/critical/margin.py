@@ -22,7 +22,7 @@ def _slack(c, ground, ramp, i, when):
 
     The force on a contact that is at a bound is that bound where it was last advanced to, whatever rounding made of it.
     """
-    s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+    s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
     ds = s - c.since
     force = c.force + c.force_rate * ds
     above, below = c.forward + s * c.d_forward - force, c.backward + s * c.d_backward + force
@@ -86,7 +86,7 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
     for r in range(first, last):
         i = member(model.block, curves, r)
         c = contacts[i]
-        s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+        s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
         side = c.side if c.at != 0 else 0
         if side == 0:
             above, below = _slack(c, model.ground, ramp, i, when)
@@ -109,7 +109,7 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
     for r in range(first, last):
         i = member(model.block, curves, r)
         c = contacts[i]
-        s = ramp.rests if ramp.falling and c.since >= 0.0 else when
+        s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
         total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
         if c.at == 0 or (c.side == 0 and c.since < s):
             above, below = _slack(c, model.ground, ramp, i, when)
@@ -144,15 +144,17 @@ def find_margin(contacts, springs, model, curves, ramp, when):
 @inlined
 def sample_margin(contacts, springs, model, curves, ramp):
     """Update the visited margin of a small body by the present part at s, unless it jumps."""
-    if contacts.shape[0] <= ramp.few and not ramp.falling:
-        ramp.visited = min(ramp.visited, _margin_of_part(contacts, springs, model, curves, ramp, ramp.s))
+    if contacts.shape[0] <= ramp.few and not ramp.fall.falling:
+        ramp.account.visited = min(
+            ramp.account.visited, _margin_of_part(contacts, springs, model, curves, ramp, ramp.s)
+        )
 
 
 @inlined
 def _find_limit(ramp, part):
     """Find a later place on the ramp, and the distance from bounds that counts as zero there."""
     s = ramp.s + part * (ramp.end - ramp.s)
-    friction = ramp.friction + (ramp.rests if ramp.falling else s) * ramp.d_friction
+    friction = ramp.friction + (ramp.fall.rests if ramp.fall.falling else s) * ramp.d_friction
     return s, CRITICAL * max(friction, 0.0) + 8.0 * EPS * (2.0 * ramp.friction + ramp.d_friction)
 
 

@@ -24,7 +24,7 @@ from .margin import find_near_part, is_critical, is_near, sample_margin
 @inlined
 def _is_free(contacts, block, curves, ramp):
     """Determine whether all contacts of the present part slide, and nothing was found to determine its translation."""
-    if not ramp.undetermined:
+    if not ramp.search.undetermined:
         return False
     if curves is None:  # the part is the body
         return True
@@ -224,12 +224,12 @@ def note_interval(contacts, springs, curves, ramp, until):
         until: where the stretch that begins at s ends.
     """
     ds = until - ramp.s
-    lasts = ramp.shifted == SEVERAL and ds * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.falling
+    lasts = ramp.shifted == SEVERAL and ds * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.fall.falling
     if lasts:
-        ramp.ambiguous = 1.0
+        ramp.account.ambiguous = 1.0
         if curves is None:
-            ramp.gain_least += ramp.slower * ds
-            ramp.gain_most += ramp.faster * ds
+            ramp.account.gain_least += ramp.slower * ds
+            ramp.account.gain_most += ramp.faster * ds
     follow_strays(contacts, springs, curves, ramp, until, lasts)
 
 

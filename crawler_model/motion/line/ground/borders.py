@@ -117,7 +117,7 @@ def _hold_before(c, foot, ground, coming, s, force):
 @lean
 def _exceeds(c, foot, ground, coming, ramp):
     """Determine whether the force on a contact is more than the ground beyond a border holds."""
-    beyond = _hold_beyond(foot, ground, coming, ramp.rests if ramp.falling else ramp.s)
+    beyond = _hold_beyond(foot, ground, coming, ramp.fall.rests if ramp.fall.falling else ramp.s)
     force = c.force if coming == AHEAD else -c.force
     return force - beyond > CRITICAL * (abs(beyond) + abs(force) + abs(c.load))
 
@@ -140,7 +140,7 @@ def compare(c, foot, ground, coming, ramp):
     Returns:
         -1 if it is less, 0 if they are equal, 1 if it is more.
     """
-    s, commanded = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s
+    s, commanded = place_of(c, ramp), ramp.fall.rests if ramp.fall.falling else ramp.s
     beyond = _hold_beyond(foot, ground, coming, commanded)
     force = c.forward + s * c.d_forward if coming == AHEAD else c.backward + s * c.d_backward
     force = _hold_before(c, foot, ground, coming, commanded, force)
@@ -229,12 +229,12 @@ def open_jump(c, ground, ramp, i, border):
     """
     foot = ground.feet[i]
     c.lost = 0.0
-    ramp.jumps += 1
-    foot.jump = ramp.jumps
-    if ramp.jumps <= ground.jumps.shape[0]:
-        jump = ground.jumps[ramp.jumps - 1]
+    ramp.fall.jumps += 1
+    foot.jump = ramp.fall.jumps
+    if ramp.fall.jumps <= ground.jumps.shape[0]:
+        jump = ground.jumps[ramp.fall.jumps - 1]
         jump.ramp, jump.contact = ramp.number, i
-        jump.part = ramp.done + (ramp.rests if ramp.falling else ramp.s) * (1.0 - ramp.done)
+        jump.part = ramp.done + (ramp.fall.rests if ramp.fall.falling else ramp.s) * (1.0 - ramp.done)
         jump.border, jump.x = border, c.x
 
 
@@ -245,7 +245,7 @@ def close_jump(c, ground, ramp, i):
     if foot.jump == 0:
         return
     lost = max(c.lost, 0.0)
-    ramp.lost += lost
+    ramp.fall.lost += lost
     c.lost = 0.0
     if foot.jump <= ground.jumps.shape[0]:
         jump = ground.jumps[foot.jump - 1]

@@ -50,8 +50,8 @@ def set_bound(c, foot, ground, side, ramp):
         side: FORWARD or BACKWARD.
     """
     stretch, p = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2, _place_of(c, foot)
-    begin = hold(foot, ground, stretch, side, ramp.rests if ramp.falling else 0.0, p)
-    change = 0.0 if ramp.falling else hold(foot, ground, stretch, side, 1.0, p) - begin
+    begin = hold(foot, ground, stretch, side, ramp.fall.rests if ramp.fall.falling else 0.0, p)
+    change = 0.0 if ramp.fall.falling else hold(foot, ground, stretch, side, 1.0, p) - begin
     if side == FORWARD:
         c.forward, c.d_forward = begin, change
     else:
@@ -79,8 +79,8 @@ def set_load(c, foot, ground, ramp):
     rise = 0.5 * (ground.rise[ahead] + ground.rise[behind])
     rise += 0.5 * (change_at(ground.profile, FORWARD, ahead, p)[1] + change_at(ground.profile, FORWARD, behind, p)[1])
     c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
-    if ramp.falling:
-        c.load, c.d_load = c.load + ramp.rests * c.d_load, 0.0
+    if ramp.fall.falling:
+        c.load, c.d_load = c.load + ramp.fall.rests * c.d_load, 0.0
 
 
 @lean
@@ -106,14 +106,14 @@ def follow_ground(c, ground, ramp, i):
 def _follow_ground(c, foot, ground, profile, ramp):
     if profile is None:
         return
-    s, commanded, p = place_of(c, ramp), ramp.rests if ramp.falling else ramp.s, _place_of(c, foot)
+    s, commanded, p = place_of(c, ramp), ramp.fall.rests if ramp.fall.falling else ramp.s, _place_of(c, foot)
     ahead, behind = (foot.place + 1) // 2, foot.place // 2
     if c.v > 0.0:
         behind = ahead
     elif c.v < 0.0:
         ahead = behind
     up, down = slopes_of(foot, profile, ahead, behind)
-    moves = 0.0 if ramp.falling else 1.0
+    moves = 0.0 if ramp.fall.falling else 1.0
     forward = hold(foot, ground, ahead, FORWARD, commanded, p)
     d_forward = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
     backward = hold(foot, ground, behind, BACKWARD, commanded, p)
@@ -155,7 +155,7 @@ def _enter_ground(c, e, foot, ground, profile, ramp):
         return
     ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot)
     e.ahead, e.behind = slopes_of(foot, profile, ahead, behind)
-    moves = 0.0 if ramp.falling else 1.0
+    moves = 0.0 if ramp.fall.falling else 1.0
     if c.fallen & FORWARD:
         e.ahead = 0.0
     elif e.upper < np.inf:

@@ -58,7 +58,7 @@ def is_due(c, ground, ramp, i):
         return False
     if is_at_wall(c, foot, ground.walls, i, ROUNDING * ramp.span):
         return False
-    ramp.due = i + 1
+    ramp.fall.due = i + 1
     return True
 
 
@@ -87,8 +87,8 @@ def find_due_at_end(contacts, block, ground, ramp):
     """
     if ground is None:
         return False
-    for j in range(ramp.drawn if ramp.falling else contacts.shape[0]):
-        i = block[j].drawn if ramp.falling else j
+    for j in range(ramp.fall.drawn if ramp.fall.falling else contacts.shape[0]):
+        i = block[j].drawn if ramp.fall.falling else j
         if is_due(contacts[i], ground, ramp, i):
             return True
     return False
@@ -115,27 +115,27 @@ def draw(contacts, model, ground, ramp, i):
     if ground is None:
         return
     c = contacts[i]
-    if not ramp.falling or c.since < 0.0:
+    if not ramp.fall.falling or c.since < 0.0:
         return
     leave_bounds(c, ramp)
-    advance(c, ramp, ramp.rests)
-    c.forward += ramp.rests * c.d_forward
-    c.backward += ramp.rests * c.d_backward
-    c.load += ramp.rests * c.d_load
+    advance(c, ramp, ramp.fall.rests)
+    c.forward += ramp.fall.rests * c.d_forward
+    c.backward += ramp.fall.rests * c.d_backward
+    c.load += ramp.fall.rests * c.d_load
     c.d_forward = c.d_backward = c.d_load = 0.0
     c.v = 0.0 if c.fallen == 0 else (SLIDES if c.fallen == FORWARD else -SLIDES)
     c.force_rate = 0.0
     c.leaving = c.side = 0
     c.since = ramp.s
     schedule(contacts, i, np.inf)
-    model.block[ramp.drawn].drawn, model.block[ramp.drawn].held = i, c.forward + c.backward
-    ramp.drawn += 1
+    model.block[ramp.fall.drawn].drawn, model.block[ramp.fall.drawn].held = i, c.forward + c.backward
+    ramp.fall.drawn += 1
 
 
 @lean
 def draw_all(contacts, model, ground, ramp):
     """Draw all contacts into the present fall, if there is one."""
-    if ground is not None and ramp.falling:
+    if ground is not None and ramp.fall.falling:
         for i in range(contacts.shape[0]):
             draw(contacts, model, ground, ramp, i)
 
@@ -143,8 +143,8 @@ def draw_all(contacts, model, ground, ramp):
 @lean
 def draw_spring(spring, curves, ground, ramp):
     """Draw a spring whose rate changes into the present fall, if there is one."""
-    if ground is not None and ramp.falling and spring.since >= 0.0:
-        advance_spring(spring, curves, ramp, ramp.rests)
+    if ground is not None and ramp.fall.falling and spring.since >= 0.0:
+        advance_spring(spring, curves, ramp, ramp.fall.rests)
         spring.since, spring.rate = ramp.s, 0.0
 
 
@@ -166,7 +166,7 @@ def _let_all_fall(contacts, model, ground, ramp, count):
 
     The tournament is descended to all events that come within the rounding of positions, unless that is beyond them.
     """
-    n, block, first = contacts.shape[0], model.block, ramp.due - 1
+    n, block, first = contacts.shape[0], model.block, ramp.fall.due - 1
     until = np.inf
     if ramp.begun:
         until = ramp.s + ROUNDING / _SLOWEST * (1.0 + ramp.span / abs(contacts[first].v))
@@ -174,8 +174,8 @@ def _let_all_fall(contacts, model, ground, ramp, count):
     count = _let_fall(contacts, model, ground, ramp, first, count)
     for j in range(listed):
         count = _let_fall(contacts, model, ground, ramp, block[j].hit, count)
-    if ramp.falling:
-        for j in range(ramp.drawn):
+    if ramp.fall.falling:
+        for j in range(ramp.fall.drawn):
             count = _let_fall(contacts, model, ground, ramp, block[j].drawn, count)
         return count
     if until > 1.0:
@@ -201,7 +201,7 @@ def _let_all_fall(contacts, model, ground, ramp, count):
 @lean
 def _rewind(contacts, springs, model, ramp):
     """Advance what takes part in the present fall, and let its line begin anew from there."""
-    for j in range(ramp.drawn):
+    for j in range(ramp.fall.drawn):
         c = contacts[model.block[j].drawn]
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
@@ -232,7 +232,7 @@ def _fall_to(c, foot, ground, side, ramp):
     set_bound(c, foot, ground, side, ramp)
     least = c.forward if side == FORWARD else c.backward
     if is_gradual(ground):
-        least = _least_beyond(foot, ground, side, ramp.rests, least)
+        least = _least_beyond(foot, ground, side, ramp.fall.rests, least)
     if side == FORWARD:
         c.forward, c.d_forward = least, min(least - bound, 0.0)
     else:
@@ -264,16 +264,16 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return count
-    block, first = model.block, ramp.due - 1
-    if ramp.due > 0:
+    block, first = model.block, ramp.fall.due - 1
+    if ramp.fall.due > 0:
         count = _let_all_fall(contacts, model, ground, ramp, count)
-    ramp.due = 0
-    if ramp.falling:
+    ramp.fall.due = 0
+    if ramp.fall.falling:
         _rewind(contacts, springs, model, ramp)
         ramp.s = _BEGIN
     else:
-        ramp.rests, ramp.s, ramp.end = ramp.s, _BEGIN, _END
-        ramp.falling, ramp.drawn = 1, 0
+        ramp.fall.rests, ramp.s, ramp.end = ramp.s, _BEGIN, _END
+        ramp.fall.falling, ramp.fall.drawn = 1, 0
         if not ramp.begun:
             draw_all(contacts, model, ground, ramp)
             ramp.begun = 1
@@ -281,7 +281,7 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
         draw(contacts, model, ground, ramp, block[j].hit)
     if first >= 0:
         draw(contacts, model, ground, ramp, first)
-    for j in range(ramp.drawn):
+    for j in range(ramp.fall.drawn):
         i = block[j].drawn
         c, foot = contacts[i], ground.feet[i]
         schedule(contacts, i, np.inf)
@@ -306,7 +306,7 @@ def let_tip(c, ground, ramp, i, side):
     advance(c, ramp, place_of(c, ramp))
     c.fallen = side
     open_jump(c, ground, ramp, i, ground.feet[i].home + (c.x + c.rest))
-    ramp.due = i + 1
+    ramp.fall.due = i + 1
 
 
 @lean
@@ -322,8 +322,8 @@ def end_fall(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return count
-    s, ramp.s, ramp.end, ramp.falling = ramp.s, ramp.rests, 1.0, 0
-    for j in range(ramp.drawn):
+    s, ramp.s, ramp.end, ramp.fall.falling = ramp.s, ramp.fall.rests, 1.0, 0
+    for j in range(ramp.fall.drawn):
         i = model.block[j].drawn
         c, foot = contacts[i], ground.feet[i]
         if c.leaving != 0 and c.since < s:
@@ -333,10 +333,10 @@ def end_fall(contacts, springs, model, ground, ramp, count):
             spring = springs[model.ends[k].spring]
             if spring.since < 0.0:
                 advance_spring(spring, model.curves, ramp, s)
-                spring.since = ramp.rests
+                spring.since = ramp.fall.rests
                 spring.rate = -spring.stiffness * spring.d_length
         c.leaving = c.side = 0
-        c.since = ramp.rests
+        c.since = ramp.fall.rests
         c.forward += s * c.d_forward
         c.backward += s * c.d_backward
         c.d_forward = c.d_backward = 0.0
@@ -358,5 +358,5 @@ def end_fall(contacts, springs, model, ground, ramp, count):
             c.v = 0.0
         schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.block, i, count)
-    ramp.drawn = 0
+    ramp.fall.drawn = 0
     return count

@@ -171,7 +171,7 @@ def find_catch(c, ground, ramp, when):
 def _find_catch(c, profile, ramp, when):
     if profile is None:
         return when
-    if c.fallen == 0 or not ramp.falling:
+    if c.fallen == 0 or not ramp.fall.falling:
         return when
     falls = c.d_forward if c.fallen & FORWARD else c.d_backward
     change = falls - c.d_under

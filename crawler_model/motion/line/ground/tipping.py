@@ -33,10 +33,10 @@ def tip(contacts, springs, model, ground, ramp, count):
 def _tip(contacts, springs, model, ground, profile, ramp, count):
     if profile is None:
         return
-    if ramp.stepping or ramp.due > 0 or ramp.effort > ramp.budget:
+    if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget:
         return
     block, first, way, found = model.block, -1, 0, 0
-    ambiguous, least = ramp.ambiguous, np.inf
+    ambiguous, least = ramp.account.ambiguous, np.inf
     for row in range(count):
         e = block[row]
         ahead, behind = e.ahead, e.behind
@@ -52,7 +52,7 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
                     if first < 0 or (slope < 0.0 <= least):
                         first, way, least = e.contact, side, slope
             e.ahead, e.behind = ahead, behind
-    ramp.ambiguous = ambiguous if found < 2 else 1.0
+    ramp.account.ambiguous = ambiguous if found < 2 else 1.0
     if found > 0:
         let_tip(contacts[first], ground, ramp, first, way)
 

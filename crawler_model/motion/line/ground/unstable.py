@@ -95,7 +95,7 @@ def search_sides(contacts, springs, model, ground, ramp, count):
         e = block[j]
         trials *= 1.0 + (e.upper < np.inf) + (e.lower > -np.inf)
     if trials > _MOST_TRIALS:
-        ramp.ambiguous = 1.0
+        ramp.account.ambiguous = 1.0
         return -1
     for j in range(count):
         block[j].side = 0
@@ -116,7 +116,7 @@ def search_sides(contacts, springs, model, ground, ramp, count):
             row -= 1
         done = row < 0
     if found > 1:
-        ramp.ambiguous = 1.0
+        ramp.account.ambiguous = 1.0
     if found > 0:
         for j in range(count):
             block[j].side = block[j].tried

@@ -252,7 +252,7 @@ def _account_step(spring, bend, pieces, ramp, before, z):
         tension += tension_on(pieces[p], 0.5 * (begin + end)) * part
         way += part
     tension = tension / way if way > 0.0 else tension_on(pieces[bend.actuator], u)
-    ramp.work -= tension * bend.command
+    ramp.account.work -= tension * bend.command
 
 
 @inlined
@@ -270,8 +270,8 @@ def is_flat(spring, curves):
 @inlined
 def _gained(c, ramp):
     """Find what a contact has gained since it was last advanced, and its present velocity."""
-    if ramp.falling and c.since >= 0.0:
-        return c.v * (ramp.rests - c.since), 0.0
+    if ramp.fall.falling and c.since >= 0.0:
+        return c.v * (ramp.fall.rests - c.since), 0.0
     return c.v * (ramp.s - c.since), c.v
 
 
@@ -286,8 +286,8 @@ def find_lengths(contacts, spring, bend, ramp):
     way_a, v_a = _gained(a, ramp)
     way_b, v_b = _gained(b, ramp)
     z = (b.x - a.x) + ((b.rest + way_b) - (a.rest + way_a))
-    length = spring.length + (ramp.rests if ramp.falling else ramp.s) * bend.command
-    change = 0.0 if ramp.falling else bend.command
+    length = spring.length + (ramp.fall.rests if ramp.fall.falling else ramp.s) * bend.command
+    change = 0.0 if ramp.fall.falling else bend.command
     stretch = v_b - v_a
     if abs(stretch) <= NOISE * (abs(v_a) + abs(v_b)):
         stretch = 0.0

@@ -31,7 +31,7 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
         if spring.stiffness > 0.0:  # it rests at a knot of its other curve, too
             way = find_yielding(bend, curves.pieces, ramp, z, length, 0.0, 0.0)
             change_piece(contacts, spring, bend, curves, ramp, way)
-    spring.rate = spring.stiffness * (stretch - (0.0 if ramp.falling else spring.d_length))
+    spring.rate = spring.stiffness * (stretch - (0.0 if ramp.fall.falling else spring.d_length))
 
 
 @lean
@@ -87,7 +87,7 @@ def time_knots(contacts, springs, model, curves, ramp, count):
 @lean
 def _time_contact(contacts, springs, model, ramp, i):
     """Advance a contact to s, and find its next event anew."""
-    if ramp.falling:
+    if ramp.fall.falling:
         draw(contacts, model, model.ground, ramp, i)
     leave_bounds(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
@@ -160,9 +160,9 @@ def tighten(contacts, springs, model, curves, ramp):
     Returns:
         Whether there is such a spring.
     """
-    if ramp.loose == 0:
+    if ramp.search.loose == 0:
         return False
-    find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
+    find_part(contacts, springs, model, curves, ramp, abs(ramp.search.loose) - 1)
     nearest, found, coming = np.inf, -1, 0
     for j in range(springs.shape[0]):
         spring = springs[j]
@@ -171,7 +171,7 @@ def tighten(contacts, springs, model, curves, ramp):
             continue
         bend = curves.bends[spring.bend]
         z, u = spring.elongation, spring.elongation - (spring.length + ramp.part * bend.command)
-        way, knot = find_way(bend, curves.pieces, z, u, side if ramp.loose > 0 else -side)
+        way, knot = find_way(bend, curves.pieces, z, u, side if ramp.search.loose > 0 else -side)
         if way < nearest:
             nearest, found, coming = way, j, knot
     if found < 0:

@@ -123,7 +123,7 @@ def _settle(slider, bend, ramp, z):
     """Let the slip of a slider that yields follow z, and account for its dissipation."""
     slip = z - slider.mode * slider.reach
     if slip != slider.slip:
-        ramp.internal += slider.mode * slider.limit * (slip - slider.slip)
+        ramp.account.internal += slider.mode * slider.limit * (slip - slider.slip)
         slider.slip = slip
         bend.slipped = 1
 

@@ -48,9 +48,9 @@ def _find_runaway(contacts):
 @lean
 def _find_loose(contacts, springs, model, curves, ramp):
     """Find what slides, which becomes the present part, and its direction; 0 if the body is held."""
-    if curves is not None and ramp.loose != 0:
-        find_part(contacts, springs, model, curves, ramp, abs(ramp.loose) - 1)
-        return 1 if ramp.loose > 0 else -1
+    if curves is not None and ramp.search.loose != 0:
+        find_part(contacts, springs, model, curves, ramp, abs(ramp.search.loose) - 1)
+        return 1 if ramp.search.loose > 0 else -1
     begin_parts(contacts, springs, model, curves, ramp)
     ramp.first, ramp.last = 0, contacts.shape[0]
     ramp.present = ramp.last  # all parts
@@ -97,7 +97,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
         if gap < distance:
             distance, nearest = gap, i
     if distance == np.inf:
-        ramp.runaway = direction
+        ramp.fall.runaway = direction
         return False
     distance = max(distance, 0.0)
     near = 1e-14 * (ramp.span + distance)
@@ -126,8 +126,8 @@ def _way_of(c, foot, ground, coming, side, i):
 @lean
 def _move(c, ramp, direction, distance):
     """Move a contact, and account for its friction and its load."""
-    ramp.dissipation += (c.forward if direction > 0 else c.backward) * distance
-    ramp.loads_work += c.load * direction * distance
+    ramp.account.dissipation += (c.forward if direction > 0 else c.backward) * distance
+    ramp.account.loads_work += c.load * direction * distance
     move(c, direction * distance)
 
 
@@ -173,7 +173,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
         if not _slide_on_ground(contacts, model, ground, ramp, direction, knot):
             return False
     elif knot == np.inf:
-        ramp.runaway = direction
+        ramp.fall.runaway = direction
         return False
     else:
         for r in range(ramp.first, ramp.last):
