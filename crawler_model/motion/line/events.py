@@ -21,7 +21,7 @@ from .ground.tipping import tip
 from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
-from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, KNOT, SPENT, UNSOLVED, WALL
+from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, INTERPRETED, KNOT, SPENT, UNSOLVED, WALL
 from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
@@ -354,6 +354,24 @@ def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
 
 
 @lean
+def _check_flags(ramp, count):
+    """Check what the flags of a ramp mean together, before the rates around an event are found.
+
+    In a fall commands rest at `rests`, and s is a place on the line of the fall, which is before the ramp. A chosen
+    translation belongs to the stretch that ends here, so the first one has begun. What is due to fall begins to fall
+    before anything is solved.
+    """
+    falling = ramp.fall.falling != 0
+    assert falling == (ramp.s < 0.0)
+    assert falling == (ramp.end < 0.0)
+    assert ramp.s <= 1.0
+    assert not falling or (ramp.begun and 0.0 <= ramp.fall.rests <= 1.0 and ramp.fall.drawn > 0)
+    assert not ramp.shifted or ramp.begun
+    assert 0 <= ramp.fall.due <= count
+    assert not ramp.stepping
+
+
+@lean
 def follow_events(contacts, springs, model, ramp):
     """Follow a ramp from event to event.
 
@@ -372,6 +390,8 @@ def follow_events(contacts, springs, model, ramp):
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
+        if INTERPRETED:
+            _check_flags(ramp, contacts.shape[0])
         # rates
         if ramp.fall.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
             over = _is_over(contacts, springs, ramp)

@@ -309,7 +309,8 @@ RAMP = np.dtype(
     align=True,
 )
 
-_INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+"""Whether kernels are interpreted, which then check what else would only cost time."""
 
 
 def zeros(shape: int | tuple[int, ...], dtype: np.dtype[np.void]) -> np.ndarray:
@@ -323,7 +324,7 @@ def zeros(shape: int | tuple[int, ...], dtype: np.dtype[np.void]) -> np.ndarray:
         The array; where kernels are interpreted, one whose fields are attributes, too (slow to pass to compiled ones).
     """
     found = np.zeros(shape, dtype)
-    return found.view(np.recarray) if _INTERPRETED else found
+    return found.view(np.recarray) if INTERPRETED else found
 
 
 DONE, SPENT, UNSOLVED = 0, 1, 2
