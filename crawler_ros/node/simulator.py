@@ -23,6 +23,7 @@ from .diagnostics import CommandCounts, TickCounts, diagnose
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
+from .life.fair_lock import FairLock
 from .life.quiet_node import QuietNode
 from .life.run import run_node
 from .life.scheduling import check_priority, raise_priority, reduce_delays
@@ -71,7 +72,7 @@ class Simulator(QuietNode):
         self.reported, self.reported_commands = TickCounts(), CommandCounts()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
-        self.lock = threading.Lock()
+        self.lock = FairLock()
         self.stopping = StopFlag()
         self._arrived = threading.Event()  # messages wait that trigger ticks in lock-step
         self._server = Server(self, self.stopping)

@@ -253,7 +253,7 @@ def fails_to_record(ros, bags, reason, fill):
     """Record until it fails; the crawler must go on, say so, and what was written must be of use."""
     process = ros.simulator("rate:=1000.0", f"record:={bags}", hear=("joint_states", "/diagnostics"))
     with driven(ros):
-        wait_for_more(ros, 500)
+        wait_for_more(ros, 1000)  # of which the file has all but the last half second
         fill(children(process.process.pid))
         wait_until(lambda: getattr(status(ros, "recording"), "level", b"") == b"\x02", what="an error")
         assert reason in status(ros, "recording").message

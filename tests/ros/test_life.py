@@ -159,6 +159,7 @@ def test_a_player_that_was_killed_and_started_again_is_no_rival_of_itself(ros):
     topic, said = "joint_trajectory", "publishers command this crawler"
     first = ros.start("crawler_ros.node.gait_player")
     wait_until(lambda: status(ros, "commands") and value(ros, "commands", f"received on {topic}") >= "1", what="a plan")
+    wait_until(lambda: publishers_of(ros.node, topic), what="the first in the graph, before it is killed")
     first.process.kill()
     ros.start("crawler_ros.node.gait_player")
     wait_until(lambda: len(publishers_of(ros.node, topic)) == 2, what="both in the graph")
