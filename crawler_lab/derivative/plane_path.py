@@ -19,7 +19,7 @@ from crawler_model.motion.plane.friction import measure_margins
 from crawler_model.motion.plane.motion import build_plane_motion
 from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, predict_first_slide
 from crawler_model.motion.plane.walk import AT_ONCE
-from crawler_model.motion.state import ACCOUNT_SIZE, VISITED, WORK
+from crawler_model.motion.state import WORK, empty_account
 from crawler_model.run.account import tolerance_of
 from crawler_model.run.screw import gain_in_frame, to_frame
 
@@ -162,8 +162,7 @@ class PlanePath:
         fields = tuple(motion.frame)
         arrays = state.x, state.gained, state.command, state.turned
         progress = begin_ramp(motion.tolerance, math.inf)
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = math.inf
+        account = empty_account()
         self._velocity[:] = 0.0
         last: _Part | None = None
         while progress[PLACE] < 1.0:

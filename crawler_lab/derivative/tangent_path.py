@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,7 @@ from crawler_model.motion.line.build import build_curves
 from crawler_model.motion.line.records import zeros
 from crawler_model.motion.line.springs.records import Curves
 from crawler_model.motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
-from crawler_model.motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED
+from crawler_model.motion.state import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.run.repeats import determining_tension
 
 from .elimination import build_band
@@ -285,8 +284,7 @@ class TangentPath:
 
     def _find_pieces(self, targets: np.ndarray, records: np.ndarray, steady: bool) -> np.ndarray:
         """Follow ramps and note their pieces, or only the changes of contacts."""
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = math.inf
+        account = empty_account()
         budget = default_budget(self._plan.body)
         pieces = follow_pieces(self._motion, self._state, self._scratch, targets, budget, account, records, steady)
         failed = int(account[OVERSPENT] + account[UNSOLVED])

@@ -13,7 +13,7 @@ from crawler_model.body.body import Body
 from crawler_model.crawler.method import default_budget
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
-from crawler_model.motion.state import ACCOUNT_SIZE, OVERSPENT, UNSOLVED, VISITED, WORK
+from crawler_model.motion.state import OVERSPENT, UNSOLVED, WORK, empty_account
 from crawler_model.run.repeats import determining_tension, tensions_repeat
 from crawler_model.scene.assembly import Assembly
 
@@ -99,8 +99,7 @@ def _run_each(
         motion: Any = build_motion(dataclasses.replace(plan, body=body))
         scratch, budget, n = motion.scratch(), default_budget(body), body.contacts
         state = motion.start(plan.start_displacement[m], targets[m, 0])
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = math.inf
+        account = empty_account()
         period = np.ascontiguousarray(np.vstack((targets[m, 2:], targets[m, 1:2])))
         transient = np.vstack((targets[m, 1:2], np.tile(period, (periods, 1))))
         motion.follow(
@@ -130,8 +129,7 @@ def _run(
     count, n = targets.shape[1] - 1, body.contacts
     rows = np.concatenate(([1], np.tile(np.append(np.arange(2, count + 1), 1), periods + 1)))
     legs = np.array([0, rows.size - count, rows.size])
-    accounts = np.zeros((lanes.size, ACCOUNT_SIZE))
-    accounts[:, VISITED] = math.inf
+    accounts = empty_account(lanes.size)
     spent = np.empty((lanes.size, 2, 2))
     records = np.empty((lanes.size, rows.size, 2 * n + body.springs))
     motion.follow_many(state, motion.scratch(), targets, rows, legs, default_budget(body), accounts, spent, records)
@@ -169,8 +167,7 @@ def find_peak(cycle: Cycle) -> float:
     motion: Any = build_motion(plan)
     scratch, budget = motion.scratch(), default_budget(body)
     state = motion.start(plan.start_displacement, targets[0])
-    account = np.zeros(ACCOUNT_SIZE)
-    account[VISITED] = math.inf
+    account = empty_account()
     period = np.ascontiguousarray(np.vstack((targets[2:], targets[1:2])))
     ends = np.empty((period.shape[0], 2 * n + body.springs))
     motion.follow(state, scratch, targets[1:2].copy(), True, budget, account, ends[:1])

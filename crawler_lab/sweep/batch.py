@@ -14,7 +14,7 @@ from crawler_model.body.drive import NS, Drive
 from crawler_model.crawler.method import default_budget
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.margin import visited_margins
-from crawler_model.motion.state import ACCOUNT_SIZE, VISITED
+from crawler_model.motion.state import empty_account
 from crawler_model.run.simulate import default_duration
 
 from .course import exact_course, most_ramps
@@ -110,8 +110,7 @@ def _run(
         if stop is not None and stop():
             return None
         legs = find_legs(ends, rows.size)
-        accounts = np.zeros((count, ACCOUNT_SIZE))
-        accounts[:, VISITED] = np.inf
+        accounts = empty_account(count)
         spent = np.empty((count, legs.size - 1, 2))
         records = np.empty((count, rows.size, 2 * body.contacts + body.springs))
         began = time.perf_counter()

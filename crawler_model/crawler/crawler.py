@@ -13,7 +13,7 @@ from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
 from ..errors import CommandError
 from ..motion.follow import State, build_motion
-from ..motion.state import ACCOUNT_SIZE, VISITED
+from ..motion.state import empty_account
 from ..notebook import write_html, write_numbers
 from .command import write_command
 from .method import Method, choose_method, default_budget
@@ -21,9 +21,6 @@ from .step import Step
 
 _SHOWN = {"net_translation": "m", "displacement": "m", "contact_state": "1", "tension": "N", "margins": "N"}
 """What a notebook shows of a crawler, with units."""
-
-_EMPTY_ACCOUNT = np.zeros(ACCOUNT_SIZE)
-_EMPTY_ACCOUNT[VISITED] = np.inf
 
 
 class Crawler:
@@ -348,7 +345,7 @@ class Crawler:
         flags = targets.flags
         if targets.dtype is not FLOAT or not (flags.c_contiguous and flags.writeable):  # one signature
             targets = np.array(targets, dtype=np.float64)
-        account = _EMPTY_ACCOUNT.copy() if before is None else before.account.copy()
+        account = empty_account() if before is None else before.account.copy()
         jumps = self._motion.follow(
             self._state,
             self._scratch,

@@ -9,7 +9,7 @@ import numpy as np
 from ..compiled import compiled
 from ..motion.line.follow import follow
 from ..motion.line.motion import LineMotion
-from ..motion.state import ACCOUNT_SIZE, VISITED
+from ..motion.state import empty_account
 from .crawler import Crawler
 from .readout import Readout, read_records
 
@@ -56,8 +56,7 @@ def follow_ticks(
     Returns:
         The account of each tick, shape (K, 15).
     """
-    accounts = np.zeros((seconds.size, ACCOUNT_SIZE))
-    accounts[:, VISITED] = np.inf
+    accounts = empty_account(seconds.size)
     line: Any = crawler._state
     motion: Any = crawler._motion
     scratch: Any = crawler._scratch

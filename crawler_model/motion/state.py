@@ -6,6 +6,8 @@ contacts, in one row. With loads, mu_plus and mu_minus are the bounds that the l
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compiled import lean
 
 (
@@ -29,6 +31,20 @@ from ..compiled import lean
 minimum, the others are maxima or counts. DISSIPATION belongs to the shifted bounds: friction dissipates DISSIPATION +
 LOADS_WORK. INTERNAL belongs to springs with hysteresis."""
 ACCOUNT_SIZE = 15
+_EMPTY = np.zeros(ACCOUNT_SIZE)
+_EMPTY[VISITED] = np.inf
+
+
+def empty_account(count: int | None = None) -> np.ndarray:
+    """Create the account of nothing: all entries are 0, but the least stability margin is infinite.
+
+    Args:
+        count: number of accounts; None for a single one.
+
+    Returns:
+        A new array, shape (15,) or (count, 15).
+    """
+    return _EMPTY.copy() if count is None else np.tile(_EMPTY, (count, 1))
 
 
 @lean

@@ -20,7 +20,7 @@ from ..body.plan import Plan
 from ..crawler.method import default_budget
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
-from ..motion.state import ACCOUNT_SIZE, VISITED
+from ..motion.state import empty_account
 from ..theory.uniqueness import find_blocks
 
 UNDAMPED, DAMPED, BOUND = 0.25, 0.1, 0.4
@@ -217,8 +217,7 @@ class InertiaMeter:
         assert self._twin is not None
         motion, state, scratch = self._twin
         n, springs = self._plan.body.contacts, self._plan.body.springs
-        account = np.zeros(ACCOUNT_SIZE)
-        account[VISITED] = np.inf
+        account = empty_account()
         records = np.empty((ends.size, 2 * n + springs))
         targets = np.ascontiguousarray(rows[1:])
         met = follow_pieces(motion, state, scratch, targets, default_budget(self._plan.body), account, records)

@@ -14,7 +14,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
-from crawler_model.motion.state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK
+from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK, empty_account
 from crawler_model.run.account import average_displacement
 from crawler_model.run.screw import to_frame
 from crawler_model.run.trajectory import TimedJump
@@ -26,8 +26,7 @@ from .ramps import Piece
 
 _NOISE = 1e-14
 """Displacements below this fraction of the body's length are rounding."""
-_NO_ACCOUNT = np.zeros(ACCOUNT_SIZE)
-_NO_ACCOUNT[VISITED] = np.inf
+_NO_ACCOUNT = empty_account()
 
 
 class RampRows:

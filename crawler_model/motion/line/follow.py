@@ -170,11 +170,10 @@ def _finish(contacts, springs, model, ramp, target):
     for j in range(springs.shape[0]):
         stored += _finish_spring(contacts, springs, springs[j], model, ramp, target[j])
     _certify(contacts, springs, model, ramp)
+    own = ramp.account
     if ramp.s == 1.0:
-        ramp.account.visited = min(ramp.account.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
-    ramp.account.residual = (
-        (stored - ramp.stored) + (ramp.account.dissipation + ramp.account.internal) - ramp.account.work
-    )
+        own.visited = min(own.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
+    own.residual = (stored - ramp.stored) + (own.dissipation + own.internal) - own.work
     return stored
 
 
@@ -216,18 +215,17 @@ def _continue(contacts, springs, model, ground, ramp, outcome):
 @lean
 def _judge_balance(contacts, springs, ramp, stored):
     """Count a ramp as not solved if its energies do not balance, although no implicit step completed it."""
-    missed = abs(ramp.account.residual)
-    energies = (
-        abs(stored) + abs(ramp.stored) + abs(ramp.account.dissipation) + ramp.account.internal + abs(ramp.account.work)
-    )
-    if not ramp.exact or ramp.account.overspent or missed <= MISSED * energies:
+    own = ramp.account
+    missed = abs(own.residual)
+    energies = abs(stored) + abs(ramp.stored) + abs(own.dissipation) + own.internal + abs(own.work)
+    if not ramp.exact or own.overspent or missed <= MISSED * energies:
         return
     for j in range(springs.shape[0]):
         missed -= _BLUR * ramp.span * abs(springs[j].tension)
     for i in range(contacts.shape[0]):
         missed -= _BLUR * ramp.span * max(min(contacts[i].forward, contacts[i].backward), 0.0)
     if missed > 0.0:
-        ramp.account.unsolved = 1.0
+        own.unsolved = 1.0
 
 
 @lean
@@ -272,35 +270,33 @@ def _record_remembered(springs, curves, row):
 @inlined
 def _begin_account(ramp):
     """Empty the account of the ramp."""
-    ramp.account.work = ramp.account.dissipation = ramp.account.internal = ramp.account.loads_work = (
-        ramp.account.residual
-    ) = ramp.fall.lost = 0.0
-    ramp.account.violation = ramp.account.complementarity = ramp.account.ambiguous = ramp.account.gain_least = (
-        ramp.account.gain_most
-    ) = 0.0
-    ramp.account.overspent = ramp.account.unsolved = ramp.account.rounding = 0.0
-    ramp.account.visited = np.inf
-    ramp.account.events = 0.0 if ramp.exact else 1.0
+    own = ramp.account
+    own.work = own.dissipation = own.internal = own.loads_work = own.residual = own.rounding = 0.0
+    own.violation = own.complementarity = own.ambiguous = own.gain_least = own.gain_most = 0.0
+    own.overspent = own.unsolved = ramp.fall.lost = 0.0
+    own.visited = np.inf
+    own.events = 0.0 if ramp.exact else 1.0
 
 
 @inlined
 def _add_ramp(account, ramp):
     """Add the account of the ramp to the total; what is lost in jumps is not lost to friction."""
-    account[state.WORK] += ramp.account.work
-    account[state.DISSIPATION] += ramp.account.dissipation - ramp.fall.lost
-    account[state.LOADS_WORK] += ramp.account.loads_work
-    account[state.INTERNAL] += ramp.account.internal
-    account[state.RESIDUAL] += ramp.account.residual
-    account[state.EVENTS] += ramp.account.events
-    account[state.GAIN_LEAST] += ramp.account.gain_least
-    account[state.GAIN_MOST] += ramp.account.gain_most
-    account[state.OVERSPENT] += ramp.account.overspent
-    account[state.UNSOLVED] += ramp.account.unsolved
-    account[state.ROUNDING] += ramp.account.rounding
-    account[state.VIOLATION] = max(account[state.VIOLATION], ramp.account.violation)
-    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], ramp.account.complementarity)
-    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], ramp.account.ambiguous)
-    account[state.VISITED] = min(account[state.VISITED], ramp.account.visited)
+    own = ramp.account
+    account[state.WORK] += own.work
+    account[state.DISSIPATION] += own.dissipation - ramp.fall.lost
+    account[state.LOADS_WORK] += own.loads_work
+    account[state.INTERNAL] += own.internal
+    account[state.RESIDUAL] += own.residual
+    account[state.EVENTS] += own.events
+    account[state.GAIN_LEAST] += own.gain_least
+    account[state.GAIN_MOST] += own.gain_most
+    account[state.OVERSPENT] += own.overspent
+    account[state.UNSOLVED] += own.unsolved
+    account[state.ROUNDING] += own.rounding
+    account[state.VIOLATION] = max(account[state.VIOLATION], own.violation)
+    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], own.complementarity)
+    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], own.ambiguous)
+    account[state.VISITED] = min(account[state.VISITED], own.visited)
 
 
 @lean

@@ -377,7 +377,7 @@ class CommandQueue:
             fresh = self._join(trajectory, now_ns, end_ns, fresh)
 
     def _join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
-        """Let a trajectory replace the path as `Path.join` does, and count it if all of it is past."""
+        """Let a trajectory replace the path as `CommandedPath.join` does, and count it if all of it is past."""
         start_ns, lasts_ns = trajectory.start_ns, int(trajectory.times_ns[-1])
         self.overdue += start_ns is not None and 0 < lasts_ns <= now_ns - start_ns
         return self._path.join(trajectory, now_ns, end_ns, fresh)

@@ -10,7 +10,7 @@ import pytest
 from crawler_model import Crawler, Scene
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
-from crawler_model.motion.state import ACCOUNT_SIZE, DISSIPATION, OVERSPENT, UNSOLVED, VISITED, WORK
+from crawler_model.motion.state import DISSIPATION, OVERSPENT, UNSOLVED, WORK, empty_account
 
 from ..hard_cases import chords, grid, ladder
 
@@ -58,8 +58,7 @@ def test_every_piece_fulfils_the_laws_of_friction(name, whole):
     springs = k.size
     now = scene.drive.targets[0]
     state = motion.start(np.zeros(n), now)
-    account = np.zeros(ACCOUNT_SIZE)
-    account[VISITED] = np.inf
+    account = empty_account()
     tension, x = np.zeros(springs), np.zeros(n)
     for target in targets:
         tension[:] = state.tension

@@ -15,7 +15,6 @@ from crawler_model.body.body import Body
 from crawler_model.motion.line import build
 from crawler_model.motion.line.motion import LineMotion
 from crawler_model.motion.state import (
-    ACCOUNT_SIZE,
     AMBIGUOUS,
     DISSIPATION,
     GAIN_LEAST,
@@ -27,6 +26,7 @@ from crawler_model.motion.state import (
     VIOLATION,
     VISITED,
     WORK,
+    empty_account,
 )
 
 from ..chains import from_rows
@@ -40,8 +40,7 @@ def follow(motion: Any, rows: np.ndarray, exact: bool = True, start: Any = None)
     """Follow the ramps between rows; return the displacement after each and the account."""
     body = motion.body
     state = motion.start(np.zeros(body.contacts) if start is None else start, rows[0])
-    account = np.zeros(ACCOUNT_SIZE)
-    account[VISITED] = np.inf
+    account = empty_account()
     records = np.zeros((len(rows) - 1, 2 * body.contacts + body.springs))
     motion.follow(state, motion.scratch(), rows[1:], exact, BUDGET, account, records)
     assert not account[UNSOLVED]
