@@ -86,6 +86,8 @@ def print_report(run: Trajectory, screen: Console) -> None:
 
 def _print_findings(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
+    if scene.ground.regions is not None:
+        screen.print("stasis domain and directions are those of the ground outside the regions")
     if scene.ground.track is not None and scene.ground.track.borders.size:
         where = "where a factor of 1 and the slope of the track hold"
         if scene.ground.track.profile is None:

@@ -1,4 +1,4 @@
-"""The ground of a track in pictures: the label and colours of each stretch, walls, and the profile."""
+"""The ground in pictures: label and colours of each stretch of a track, walls, the profile, regions of the plane."""
 
 from __future__ import annotations
 
@@ -88,6 +88,70 @@ def list_sections(scene: Scene, left: float, right: float) -> list[Section]:
             longest = int(2 * gaps.argmax())
             found.append(Section(float(edges[longest]), float(edges[longest + 1]), _write_slope(ground.slope), ()))
     return found
+
+
+@dataclass(frozen=True)
+class Area:
+    """The visible part of a region of the plane.
+
+    Attributes:
+        corners: counterclockwise, shape (K, 2) [m].
+        text: its factor on friction.
+        color: as "#rrggbb".
+    """
+
+    corners: np.ndarray
+    text: str
+    color: str
+
+
+def list_areas(scene: Plan, low: np.ndarray, high: np.ndarray) -> list[Area]:
+    """List the visible parts of the regions of the ground.
+
+    Args:
+        scene: the scene.
+        low: least coordinates that are visible, shape (2,) [m].
+        high: largest coordinates, shape (2,) [m].
+
+    Returns:
+        A part of each region that is visible.
+    """
+    regions, found = scene.ground.regions, []
+    for k, factor in enumerate(() if regions is None else regions.factors[:-1].tolist()):
+        corners = np.array([low, (high[0], low[1]), high, (low[0], high[1])], np.float64)
+        for normal, offset in zip(regions.normals[k], regions.offsets[k], strict=True):  # type: ignore[union-attr]
+            corners = _cut(corners, corners @ normal - offset)
+        if len(corners) >= 3:
+            found.append(Area(corners, f"friction ×{factor:g}", _choose_color(factor, factor)))
+    return found
+
+
+def _cut(corners: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """Cut off the part of a convex polygon whose distance from a line is < 0."""
+    kept = []
+    for i in range(len(corners)):
+        j = (i + 1) % len(corners)
+        if room[i] >= 0.0:
+            kept.append(corners[i])
+        if (room[i] < 0.0) != (room[j] < 0.0):
+            kept.append(corners[i] + (corners[j] - corners[i]) * room[i] / (room[i] - room[j]))
+    return np.array(kept).reshape(-1, 2)
+
+
+def draw_areas(axis: Axes, scene: Plan) -> None:
+    """Shade the regions of the ground in the visible part of a picture from above.
+
+    Args:
+        axis: axes of m over m, which show all else already.
+        scene: the scene.
+    """
+    from matplotlib.patches import Polygon
+
+    low, high = np.array([axis.get_xlim(), axis.get_ylim()]).T
+    for area in list_areas(scene, low - (high - low), high + (high - low)):  # equal scales may show more
+        axis.add_artist(Polygon(area.corners, color=area.color, alpha=0.55, linewidth=0.0, zorder=0))
+    for area in list_areas(scene, low, high):
+        axis.annotate(area.text, area.corners.mean(axis=0), ha="center", fontsize=8, color="#505050", zorder=0.5)
 
 
 def list_walls(scene: Scene, left: float, right: float) -> list[WallPart]:

@@ -312,10 +312,16 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, or segments beside a memory or ground that differs from place to place.
+        SceneError: if it has no drive, regions of the ground in the plane, or segments beside a memory or ground that
+            differs from place to place.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
+    if scene.ground.regions is not None:
+        raise SceneError(
+            f"{caller}: {scene.name} has ground.regions, whose borders have no derivatives: `crawler sweep` varies "
+            "numbers"
+        )
     if scene.dimension == 1 and not (scene.has_exact_derivatives or scene.can_be_differenced):
         raise SceneError(
             f"{caller}: {scene.name} {scene.inexact} and segments, of which differences of runs on one grid are no "

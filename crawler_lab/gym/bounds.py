@@ -97,6 +97,8 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     track = scene.ground.track
     if track is not None:
         friction = friction * track.largest_factor.max()
+    if scene.ground.regions is not None:
+        friction = friction * scene.ground.regions.factors.max()
     friction = friction + max(abs(low), abs(high)) * body.ground + weight
     if body.is_chain and (track is None or track.walls is None):
         up = np.cumsum(friction)

@@ -146,7 +146,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
     exact = scene.has_exact_derivatives
     peak = find_peak(unknowns.cycle(values)) if exact else find_followed_peak(scene, goal.periods)
     regime = dataclasses.replace(regime, peak=peak)
-    patched = scene.ground.track is not None
+    patched = scene.ground.differs != ""
     value = _worst_value(space, point)
     one_sided, kinks = (True, ()) if limit.over() else _find_kinks(unknowns, values, goal)
     others = [

@@ -51,17 +51,19 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
     motion: tuple[float, ...] | None = None
     try:
         crawler.follow(targets[1:2])
-        if plan.ground.track is not None:
-            gain, work = _average_periods(crawler, period, goal.periods)
+        if plan.ground.differs:
+            mean, work = _average_periods(crawler, period, goal.periods)
             settled = True
         else:
             found = repeat_period(crawler, period, _SETTLED * tolerance_of(plan), _MOST_PERIODS)
             least = _ROUNDING * largest_distance(body)
             motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.atleast_1d(found.gain))
-            gain = motion[0]
-            if body.dimension == 2:
-                gain = math.cos(goal.towards) * motion[0] + math.sin(goal.towards) * motion[1]
-            work, settled = found.work, found.settled or found.transient_left <= _LITTLE * abs(gain)
+            mean, work = np.array(motion), found.work
+        gain = float(mean[0])
+        if body.dimension == 2:
+            gain = math.cos(goal.towards) * float(mean[0]) + math.sin(goal.towards) * float(mean[1])
+        if not plan.ground.differs:
+            settled = found.settled or found.transient_left <= _LITTLE * abs(gain)
     except CommandError:
         return None
     lengths = body.springs if body.turning is not None else body.lengths
@@ -73,14 +75,14 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
     return Regime(gain, work, float(change.sum()), force, math.nan, float(speed), settled, motion)
 
 
-def _average_periods(crawler: Crawler, period: np.ndarray, count: int) -> tuple[float, float]:
-    """Compute the mean gain [m] and work [J] of the next periods."""
-    gain, work = 0.0, 0.0
+def _average_periods(crawler: Crawler, period: np.ndarray, count: int) -> tuple[np.ndarray, float]:
+    """Compute the mean gain, shape (1,), in the plane (2,) [m], and work [J] of the next periods."""
+    gain, work = np.zeros(crawler.body.dimension), 0.0
     for _ in range(count):
         step = crawler.follow(period)
         check_solved(step, "optimise")
         work += step.work
-        gain += float(average_displacement(crawler.body, crawler.gained[None])[0])
+        gain += average_displacement(crawler.body, crawler.gained[None])[0]
     return gain / count, work / count
 
 
@@ -96,7 +98,7 @@ def find_followed_peak(scene: Scene, periods: int) -> float:
     """
     period = scene.drive.period
     assert period is not None
-    count = _PEAK_PERIODS if scene.ground.track is None else periods
+    count = _PEAK_PERIODS if not scene.ground.differs else periods
     tension = simulate(scene, count * period, rate=_PEAK_TICKS / period).tension[:, : scene.body.springs]
     vectors = tension.reshape(*tension.shape[:2], -1)
     return float(np.linalg.norm(vectors, axis=2).max(initial=0.0))

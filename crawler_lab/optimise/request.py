@@ -123,15 +123,20 @@ def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -
         if not isinstance(towards, (int, float)) or not math.isfinite(towards):
             raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
     if periods is not None:
-        if scene.ground.track is None:
+        if not scene.ground.differs:
             raise SceneError(
                 f"periods: {scene.name} has one ground everywhere, so that its periods repeat; leave it out"
             )
         if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
             raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
-    if scene.ground.track is not None and scene.parts.start not in (None, "relaxed"):
+    if scene.ground.differs and scene.body.turning is not None:
         raise SceneError(
-            f"start.displacement: {scene.name} has {scene.ground.track.key}, where gaits are sought from a relaxed "
+            f"{scene.name} has {scene.ground.differs}, over which gaits of bodies that turn are not sought; `crawler "
+            "sweep` varies a given one"
+        )
+    if scene.ground.differs and scene.parts.start not in (None, "relaxed"):
+        raise SceneError(
+            f"start.displacement: {scene.name} has {scene.ground.differs}, where gaits are sought from a relaxed "
             "start; leave it out, and move body.contacts instead"
         )
 

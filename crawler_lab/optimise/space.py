@@ -100,7 +100,7 @@ class Space:
         """
         numbers, rows = self.scenes[0].split(unit)
         base = self.scenes[0].base
-        if rows is None or base.body.turning is not None or base.ground.track is not None:
+        if rows is None or base.body.turning is not None or base.ground.differs:
             return unit
         turned = [np.roll(rows, -k, axis=0).ravel() for k in range(rows.shape[0])]
         return np.concatenate((numbers, max(turned, key=lambda row: np.round(row, 4).tolist())))

@@ -192,7 +192,7 @@ class Unknowns:
 
     @property
     def _is_patched(self) -> bool:
-        return self.base.ground.track is not None
+        return self.base.ground.differs != ""
 
     def _assemble(self, part: Assembly, drive: Drive, waypoints: np.ndarray | None) -> Cycle:
         """Build a candidate, or many together, from arrays of the scene and the times of its drive."""
@@ -200,7 +200,7 @@ class Unknowns:
         path = Drive(np.arange(rows.shape[-2], dtype=np.float64), None, rows, part.columns)
         start = part.start_displacement
         if self._starts_relaxed:
-            start = part.body.relaxed(path.targets[..., 0, : part.body.springs])
+            start = part.body.relaxed(path.targets[..., 0, : part.body.lengths])
         return Cycle(Assembly(part.parts, part.body, part.ground, part.columns, path, start), seconds)
 
     def _rows(self, drive: Drive, given: np.ndarray, waypoints: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

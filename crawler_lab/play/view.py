@@ -13,7 +13,7 @@ from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.motion.jump import Jump
 from crawler_model.theory.stasis import StasisDomain, stasis_bounds
 from crawler_model.theory.uniqueness import UNDETERMINED
-from crawler_pictures.ground import has_stasis_bounds, list_sections, list_walls, local_bounds
+from crawler_pictures.ground import has_stasis_bounds, list_areas, list_sections, list_walls, local_bounds
 
 MOST_SHOWN = 200
 """Number of contacts that a page shows of a long body, evenly spaced."""
@@ -76,6 +76,7 @@ class View:
             "joints": joints,
             "sections": [asdict(s) for s in list_sections(scene, -_FAR, _FAR)],
             "walls": [[wall.at, wall.stops == "forward"] for wall in list_walls(scene, -_FAR, _FAR)],
+            "areas": [[a.corners.tolist(), a.color] for a in list_areas(scene, np.full(2, -_FAR), np.full(2, _FAR))],
             "bounded": self._bounded and self._whole,
         }
 
@@ -148,7 +149,8 @@ class View:
         names = name_every_spring(self.scene.body)
         parts += [f"{names[k]} is {_YIELDS[int(yields[k])]}" for k in np.flatnonzero(yields)[:_MOST_NAMED]]
         for jump in jumps:
-            why = "as the body buckles" if jump.border is None else "onto ground that holds less"
+            buckles = jump.border is None and not self.scene.ground.differs
+            why = "as the body buckles" if buckles else "onto ground that holds less"
             parts.append(f"contact {self._names[jump.contact]} jumps by {jump.distance:.3g} m {why}")
         if not unique:
             parts.append(UNDETERMINED)

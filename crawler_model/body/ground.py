@@ -1,4 +1,4 @@
-"""The ground under a body: weights and masses of its contacts, the slope, on a line patches, profiles and walls."""
+"""The ground under a body: weights and masses of its contacts, the slope, patches, profiles, walls and regions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from ..rounding import EPS
 from .directions import unit_directions
+from .regions import Regions
 
 GRAVITY = 9.81
 """Weight of a mass [N/kg]."""
@@ -203,6 +204,7 @@ class Ground:
         direction: in the plane, the angle of uphill from the x axis [rad]; None on a line.
         track: patches of other ground, a profile and walls; None if the ground is the same everywhere.
         mass: of each contact, shape (N,) [kg]; None if they are not given.
+        regions: in the plane, regions of other ground; None if the ground is the same everywhere.
     """
 
     weight: np.ndarray
@@ -211,6 +213,14 @@ class Ground:
     direction: float | None = None
     track: Track | None = None
     mass: np.ndarray | None = None
+    regions: Regions | None = None
+
+    @property
+    def differs(self) -> str:
+        """The key of the scene file that makes the ground differ from place to place; empty if it is the same."""
+        if self.regions is not None:
+            return "ground.regions"
+        return "" if self.track is None else self.track.key
 
     @property
     def masses(self) -> np.ndarray | None:

@@ -122,9 +122,9 @@ def limit_cycle(
     _, rows = drive.waypoints_between(0, round(drive.period * NS))
     targets = np.ascontiguousarray(drive.targets[rows])
     found = repeat_period(Crawler(scene), targets, tolerance, most_periods, progress)
-    if scene.ground.track is not None and not found.settled:
+    if scene.ground.differs and not found.settled:
         raise CommandError(
-            f"limit_cycle: {scene.name} has {scene.ground.track.key}, and after {most_periods} periods it still comes "
+            f"limit_cycle: {scene.name} has {scene.ground.differs}, and after {most_periods} periods it still comes "
             "to other ground or is not settled, so that periods differ; `per_period` of simulate lists their gains"
         )
     return found
@@ -253,8 +253,10 @@ class _Periods:
 
     def _lasts(self, allowed: float) -> bool:
         """Determine whether the ground under the body stays the same: it walks in place, or leaves all of it behind."""
-        if self.crawler.scene.ground.track is None:
+        if not self.crawler.scene.ground.differs:
             return True
+        if self.crawler.scene.ground.regions is not None:
+            return bool(np.abs(self.gains[-1]).max() <= allowed)
         gain = float(self.gains[-1])
         return abs(gain) <= allowed or has_left_all_ground(self.crawler, gain, self.travel)
 

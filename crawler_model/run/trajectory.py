@@ -259,7 +259,11 @@ class Trajectory(Tabular):
             return np.hstack((forward + load, backward - load)), load
         if columns.slope_load is not None:
             load = target[:, lengths + frictions :].reshape(x.shape)
-        return columns.spread(commands)[:, lengths : lengths + frictions], load
+        friction = columns.spread(commands)[:, lengths : lengths + frictions]
+        if scene.ground.regions is not None:
+            found = scene.ground.regions.factors[scene.ground.regions.find((body.position + x).reshape(-1, 2))[0]]
+            friction = (friction.reshape(found.size, -1) * found[:, None]).reshape(friction.shape)
+        return friction, load
 
     def summary(self) -> dict[str, Any]:
         """Build the summary that `crawler simulate --json` prints.

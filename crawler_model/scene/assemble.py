@@ -155,8 +155,9 @@ def _check_planar(parts: SceneParts) -> None:
     if isinstance(rows, FrictionRowsPart) and rows.isotropic is None:
         raise SceneError("drive.friction: in a planar scene only `isotropic` is possible")
     if parts.ground is not None and parts.ground.varies:
-        what, passed = ("patches", "borders") if parts.ground.patches else ("walls", "walls")
-        what, passed = ("profile", "its places") if parts.ground.profile else (what, passed)
+        if parts.ground.patches:
+            raise SceneError("ground.patches: only on a line; in the plane give ground.regions")
+        what, passed = ("profile", "its places") if parts.ground.profile else ("walls", "walls")
         raise SceneError(
             f"ground.{what}: only on a line; in the plane paths are followed in steps, which would pass over {passed}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -11,12 +12,15 @@ from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
 from ..body.ground import Ground, Track, Walls
+from ..body.regions import Regions
 from ..errors import SceneError
 from .assemble_turning import turning_friction
 from .friction_parts import FrictionPart, Numbers, SegmentFrictionPart, average
 from .parts import GroundPart, SceneParts
 
 _RADIANS = math.pi / 180.0
+_TOUCHING = 1e-9
+"""Regions that share a disc of less than this part of their distance from the origin touch."""
 
 
 def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = None) -> Ground:
@@ -47,7 +51,8 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
     mass = None if masses is None else frozen(_read_each(masses, "body.masses", "a mass", body, doubts))
     follows = _follow_weights(parts, body)
     track = _assemble_track(parts, body, weight, follows)
-    return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass)
+    regions = _assemble_regions(ground, parts.dimension)
+    return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass, regions)
 
 
 def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
@@ -69,6 +74,34 @@ def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
                 )
     follows.flags.writeable = False
     return follows
+
+
+def _assemble_regions(ground: GroundPart, dimension: int) -> Regions | None:
+    """Collect the regions of the plane; None without any."""
+    if not ground.regions:
+        return None
+    if dimension == 1:
+        raise SceneError("ground.regions: only in the plane; on a line give ground.patches")
+    half_planes = [region.half_planes for region in ground.regions]
+    for i, j in itertools.combinations(range(len(half_planes)), 2):
+        if _overlap(half_planes[i], half_planes[j]):
+            raise SceneError(
+                f"ground.regions: regions {i} and {j} overlap, so that the friction there is not determined; regions "
+                "may touch"
+            )
+    normals, offsets = (tuple(map(frozen, each)) for each in zip(*half_planes, strict=True))
+    return Regions(normals, offsets, frozen([*(region.friction for region in ground.regions), 1.0]))
+
+
+def _overlap(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Determine whether two regions share more than a border: whether a small disc fits into both."""
+    from scipy.optimize import linprog
+
+    normals, offsets = (np.concatenate(pair) for pair in zip(one, other, strict=True))
+    size = float(np.abs(offsets).max()) or 1.0
+    rows = np.column_stack((-normals, np.ones(len(normals))))  # the radius of the disc as third unknown
+    found = linprog([0.0, 0.0, -1.0], rows, -offsets / size, bounds=[(None, None), (None, None), (None, 1.0)])
+    return bool(found.x[2] > _TOUCHING)
 
 
 def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: np.ndarray) -> Track | None:

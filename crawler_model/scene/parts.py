@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 
 from ..arrays import spread
@@ -227,6 +228,8 @@ class DrivePart(Part):
 
 
 _TURN = 6.2832
+_FLAT = 1e-9
+"""Corners of a polygon that are less than this part of its size from its other edges are on them."""
 
 
 class PatchPart(Part):
@@ -285,13 +288,71 @@ class WallPart(Part):
     )
 
 
+class RegionPart(Part):
+    """Other ground in a convex part of the plane."""
+
+    polygon: tuple[tuple[Number, Number], ...] | None = optional("Corners [x, y] of a convex polygon, in order.", "m")
+    left_of: tuple[tuple[Number, Number], tuple[Number, Number]] | None = optional(
+        "Instead of `polygon`: two points; the region is the half plane to the left of the line from the first to the "
+        "second.",
+        "m",
+    )
+    friction: Number = key("Factor on the friction of contacts there, commanded or not.", "1", minimum=0)
+
+    @model_validator(mode="after")
+    def _sane(self) -> RegionPart:
+        if self.friction < 0.0:
+            raise ValueError(f"friction: {self.friction:g}; a factor on friction must be >= 0")
+        if (self.polygon is None) == (self.left_of is None):
+            raise ValueError("give `polygon` or `left_of`, one of them")
+        if self.left_of is not None:
+            if self.left_of[0] == self.left_of[1]:
+                raise ValueError("left_of: both points are the same; two different ones determine a line")
+            return self
+        corners = self.corners
+        if len(corners) < 3:
+            raise ValueError(f"polygon: {len(corners)} corner(s); give at least 3")
+        normals, offsets = self.half_planes
+        size = float(np.ptp(corners, axis=0).max())
+        outside = corners @ normals.T - offsets
+        for i in range(len(corners)):
+            edges = [i - 1, i]  # the edges that meet at this corner
+            others = np.delete(outside[i], edges)
+            if not others.size or not np.isfinite(outside).all() or others.min() <= _FLAT * size:
+                raise ValueError(
+                    f"polygon: at corner {i}, [{corners[i, 0]:g}, {corners[i, 1]:g}], it is not convex; divide it into "
+                    "convex polygons, and leave out corners on straight edges"
+                )
+        return self
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners of the polygon, counterclockwise, or the two points of the line, shape (K, 2) [m]."""
+        if self.polygon is None:
+            return np.array(self.left_of, np.float64)
+        corners = np.array(self.polygon, np.float64)
+        x, y = corners.T
+        area = float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+        return corners if area >= 0.0 else corners[::-1]
+
+    @property
+    def half_planes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Inward unit normals n, shape (K, 2), and offsets c, shape (K,) [m], of { p | n . p >= c }."""
+        corners = self.corners
+        along = np.roll(corners, -1, axis=0) - corners
+        if self.polygon is None:
+            corners, along = corners[:1], along[:1]
+        normals = np.column_stack((-along[:, 1], along[:, 0])) / np.hypot(*along.T)[:, None]
+        return normals, np.einsum("ij,ij->i", normals, corners)
+
+
 def _check_slope(slope: float) -> None:
     if not -90.0 < slope < 90.0:
         raise ValueError(f"slope: {slope:g} degrees; it must be between -90 and 90")
 
 
 class GroundPart(Part):
-    """The track, its slope, its patches, its profile and its walls."""
+    """The ground: on a line the track, its slope, patches, profile and walls; in the plane its slope and regions."""
 
     slope: Number = key(
         "Slope of the ground, positive uphill towards +x; in the plane uphill towards `direction`.",
@@ -311,10 +372,13 @@ class GroundPart(Part):
         "Default: none."
     )
     walls: tuple[WallPart, ...] = key("Walls on the track, at which contacts stand.", default=())
+    regions: tuple[RegionPart, ...] = key(
+        "Only in the plane: convex regions with other friction, without overlap.", default=()
+    )
 
     @property
     def varies(self) -> bool:
-        """Whether the ground differs from place to place."""
+        """Whether the track differs from place to place."""
         return bool(self.patches or self.walls or self.profile)
 
     @property

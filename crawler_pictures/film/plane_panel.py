@@ -8,6 +8,7 @@ import numpy as np
 
 from ..colors import BACK, FORWARD, GREY, STICK
 from ..friction_marks import WORDS, friction_strokes
+from ..ground import draw_areas
 from .camera import watch_plane
 from .film import Film
 from .panels import MOST_ARROWS, MOST_COILS, Rolling, chosen_contacts, chosen_springs, coils
@@ -40,6 +41,7 @@ class PlanePanel:
         self._reach = float((high - low).min())
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$x$ [m]", ylabel="$y$ [m]")
         axes.grid(alpha=0.3)
+        draw_areas(axes, film.scene)
         self._velocity = np.diff(self._place, axis=0, prepend=self._place[:1])
         self._most = float(np.linalg.norm(self._velocity, axis=2).max()) or 1.0
         for i in range(chosen.size if chosen.size <= MOST_ARROWS else 0):

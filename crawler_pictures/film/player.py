@@ -14,7 +14,7 @@ import numpy as np
 from ..colors import BACK, BOTH, FORWARD, GREY, STALLED, STICK, WALL, YIELDING
 from ..domain_text import FACE, SECTION
 from ..friction_marks import WORDS, friction_strokes
-from ..ground import list_sections, list_walls
+from ..ground import list_areas, list_sections, list_walls
 from ..run.kymograph import HEIGHT, MOST_LINES, WIDTH
 from ..run.pixels import divide, join_states
 from .camera import watch_plane, watch_set, watch_track
@@ -78,6 +78,8 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
     if film.planar:
         low, high = watch_plane(place, _RATIO)
         found["window"] = [*low.tolist(), *high.tolist()]
+        areas = list_areas(film.scene, low, high)
+        found["areas"] = [asdict(area) | {"corners": area.corners.tolist()} for area in areas]
         if film.scene.body.turning is not None and chosen.size <= MOST_ARROWS:
             reach = 0.07 * float((high - low).min())
             ends = np.array([friction_strokes(film.scene.body, points, reach) for points in film.place])

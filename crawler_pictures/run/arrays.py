@@ -76,7 +76,8 @@ class RunArrays:
         rests: intervals in which nothing moved [s].
         jumps: jumps on patches of ground.
         scene: the scene, for its ground and its friction in the plane; None when it is not known.
-        force: of springs and loads on each contact in the plane, shape (T, N, 2) [N]; None when it is not known.
+        force: of springs and loads on each contact in the plane, shape (T, N, 2) [N]; None when it is not known,
+            and for a body that turns, whose friction has no fixed directions to draw.
         share: weight of each contact in the net translation, shape (N,); None when it is not known.
     """
 

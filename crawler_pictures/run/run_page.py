@@ -13,7 +13,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_model.run.orientation import shape_orientation
 
 from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
-from ..ground import draw_jumps, draw_walls, list_sections
+from ..ground import draw_areas, draw_jumps, draw_walls, list_sections
 from ..numbers import label_values, shorten
 from ..style import own_style
 from .arrays import Commands, RunArrays
@@ -153,10 +153,12 @@ def _constants(run: RunArrays) -> list[str]:
 
 
 def _draw_above(part: Any, run: RunArrays, narrow: bool) -> None:
-    left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.scene is not None else (part.subplots(), None)
+    left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.force is not None else (part.subplots(), None)
     draw_plane(left, run.positions, run.state, run.mean, run.ends, list(run.contacts))
     if narrow:
         make_room(left)
+    if run.scene is not None:
+        draw_areas(left, run.scene)
     if right is not None:
         draw_friction(right, run.scene, run.force)  # type: ignore[arg-type]
 
@@ -234,7 +236,8 @@ def _translation(axis: Axes, run: RunArrays) -> None:
         marks: Any = {"color": JUMP, "marker": "D", "markersize": 4.5, "linestyle": "none"}
         axis.plot(times, np.zeros(len(times)), transform=axis.get_xaxis_transform(), clip_on=False, zorder=4, **marks)
         count = "1 jump" if len(times) == 1 else f"{len(times)} jumps"
-        handles.append(Line2D([], [], label=f"{count} where stability was lost", **marks))
+        why = "onto other ground" if run.scene is not None and run.scene.ground.differs else "where stability was lost"
+        handles.append(Line2D([], [], label=f"{count} {why}", **marks))
     label_values(axis, "translation" if y.shape[1] == 1 else "x, y", "m", _size(run))
     write_title(axis, "net translation, from the reference shape")
     if handles:
@@ -264,7 +267,7 @@ def _explain_bounds(run: RunArrays) -> str:
     if np.isfinite(run.least).any():
         return ""
     segments = any(not name.startswith("link_") for name in run.links)
-    patched = run.scene is not None and run.scene.ground.track is not None
+    patched = run.scene is not None and run.scene.ground.differs
     body = "the mean tension of a segment" if segments else "a graph of springs"
     where = "in the plane" if run.planar else "where the ground differs" if patched else f"for {body}"
     return f"; without bounds, which are not computed {where}"

@@ -57,7 +57,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         cycles=np.zeros(0) if period is None else np.arange(0.0, float(run.time[-1]), period),
         gains=gains,
         jumps=run.jumps,
-        scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
+        scene=scene,
         force=None if turns else planar_forces(scene, run.tension, rows),
         share=body.share,
     )

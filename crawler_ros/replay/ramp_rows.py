@@ -99,7 +99,7 @@ class RampRows:
         self._gained.append(np.zeros_like(crawler.gained) if step is None else crawler.gained.copy())
         self._places.append(crawler.places)
         self._accounts.append(_NO_ACCOUNT if step is None else step.account)
-        if crawler.body.turning is not None or self._walled:  # they depend on the frames of the points, and on walls
+        if crawler.body.turning is not None or self._standing:  # they depend on frames of points, on walls and regions
             self._own_margins.append(crawler.margins)
         if crawler.body.turning is not None:
             self._yaw.append(crawler.yaw)
@@ -181,10 +181,10 @@ class RampRows:
         )
 
     @property
-    def _walled(self) -> bool:
-        """Whether contacts may stand at walls, which hold any force."""
-        track = self._scene.ground.track
-        return track is not None and track.walls is not None
+    def _standing(self) -> bool:
+        """Whether contacts may stand at walls, which hold any force, or on borders of regions."""
+        ground = self._scene.ground
+        return ground.regions is not None or (ground.track is not None and ground.track.walls is not None)
 
     def _local_targets(self) -> np.ndarray:
         """Return the targets, with the bounds and loads of the ground under each contact."""
@@ -199,7 +199,7 @@ class RampRows:
         """Compute each contact's distance from its nearest bound, shape (R, N)."""
         body, scene = self._scene.body, self._scene
         n, lengths = body.contacts, body.lengths
-        if self._walled:
+        if self._standing:
             return np.array(self._own_margins)
         if body.dimension == 1:
             forward, backward = target[:, lengths : lengths + n], target[:, lengths + n : lengths + 2 * n]

@@ -16,7 +16,7 @@ from crawler_pictures.friction_marks import WORDS, friction_strokes
 from crawler_pictures.marks import SLACK, STALLED, YIELDING, can_yield
 
 from .frames import Frame
-from .ground import JumpMarks, draw_ground
+from .ground import JumpMarks, draw_areas, draw_ground
 from .style import (
     FAINT,
     MOVING,
@@ -230,6 +230,7 @@ class PlaneView(_View):
         far = float((self._high - self._low).max())
         step = round_step(far / 6.0)
         draw_grid(stream, "world", self._low, self._high, step, "m")
+        draw_areas(stream, scene, self._low, self._high)
 
     def build_view(self) -> Any:
         """Build the view."""

@@ -12,7 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.colors import JUMP, WALL, rgb
-from crawler_pictures.ground import Section, list_sections, list_walls, trace_profile
+from crawler_pictures.ground import Section, list_areas, list_sections, list_walls, trace_profile
 
 from .style import line_radius
 
@@ -21,6 +21,32 @@ _LETTER = 0.0145  # width of a letter in a window of the usual size, in body len
 _SHOWN_NS = 200_000_000
 _MOST_MARKS = 8
 _PROFILE_COLOR = (110, 110, 110)
+
+
+def draw_areas(stream: Any, scene: Scene, low: np.ndarray, high: np.ndarray) -> None:
+    """Draw the borders of the regions of the plane, each with its factor on friction, in a view in which y points down.
+
+    Args:
+        stream: the recording to log to.
+        scene: the scene.
+        low: least coordinates of the view, shape (2,) [m].
+        high: largest coordinates, shape (2,) [m].
+    """
+    areas = list_areas(scene, low, high)
+    if not areas:
+        return
+    lines = [np.vstack((area.corners, area.corners[:1])) * (1.0, -1.0) for area in areas]
+    colors, width = [rgb(area.color) for area in areas], rr.Radius.ui_points(1.5)
+    borders = rr.LineStrips2D(lines, colors=colors, radii=width, draw_order=-20.0)
+    stream.log("world/ground", borders, static=True)
+    texts = rr.Points2D(
+        [area.corners.mean(axis=0) * (1.0, -1.0) for area in areas],
+        labels=[area.text for area in areas],
+        colors=colors,
+        radii=rr.Radius.ui_points(0.0),
+        show_labels=True,
+    )
+    stream.log("world/ground/text", texts, static=True)
 
 
 def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, length: float) -> None:

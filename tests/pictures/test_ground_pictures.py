@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rerun")
 pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
@@ -21,7 +22,7 @@ from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.body import draw_body, draw_length
 from crawler_pictures.colors import JUMP, WALL, rgb
-from crawler_pictures.ground import draw_walls, list_sections, trace_profile
+from crawler_pictures.ground import draw_areas, draw_walls, list_areas, list_sections, trace_profile
 from crawler_pictures.run.run_page import draw_run
 from crawler_ros.replay import analyse
 from crawler_ros.viewer.arrays import run_of_frames
@@ -49,6 +50,46 @@ def hilly(slope: float = 0.0, patches=PATCHES) -> Scene:
     plain["body"]["weights"] = 0.3
     plain["ground"] = {"slope": slope, "patches": patches}
     return Scene.model_validate(plain)
+
+
+def over_two_grounds() -> Scene:
+    document = load_scene("planar_three_points").document()
+    triangle = {"polygon": [[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]], "friction": 2.0}
+    return Scene.model_validate(
+        document | {"ground": {"regions": [triangle, {"left_of": [[0, 0], [0, 1]], "friction": 0.5}]}}
+    )
+
+
+def test_regions_of_the_plane_are_cut_at_the_edges_of_a_picture():
+    rough, ice = list_areas(over_two_grounds(), np.array([-1.0, -1.0]), np.array([1.5, 1.5]))
+    assert (rough.text, rough.color, ice.text, ice.color) == ("friction ×2", ROUGH, "friction ×0.5", ICE)
+    assert {tuple(c) for c in ice.corners.tolist()} == {(-1.0, -1.0), (0.0, -1.0), (0.0, 1.5), (-1.0, 1.5)}
+    assert {tuple(c) for c in rough.corners.round(12).tolist()} == {
+        (0.0, 0.0),
+        (1.5, 0.0),
+        (1.5, 0.5),
+        (0.5, 1.5),
+        (0.0, 1.5),
+    }
+    assert len(list_areas(over_two_grounds(), np.array([1.2, 1.2]), np.array([1.5, 1.5]))) == 0
+
+
+def test_regions_are_shaded_where_they_lie():
+    figure = Figure(figsize=(4, 4))
+    axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axis.set(xlim=(-1.0, 3.0), ylim=(-1.0, 3.0))
+    draw_areas(axis, over_two_grounds())
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+
+    def seen(x, y):
+        row, place = round((3.0 - y) / 4.0 * (pixels.shape[0] - 1)), round((x + 1.0) / 4.0 * (pixels.shape[1] - 1))
+        return pixels[row, place, :3] / 255.0
+
+    for place, color in (((0.5, 0.3), ROUGH), ((-0.5, -0.7), ICE), ((2.5, 2.5), "#ffffff"), ((0.5, -0.5), "#ffffff")):
+        assert seen(*place) == pytest.approx(0.45 + 0.55 * np.array(to_rgb(color)), abs=0.02)
+    assert axis.get_xlim() == (-1.0, 3.0)
 
 
 def test_sections_name_what_is_in_sight_once():

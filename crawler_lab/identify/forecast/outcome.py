@@ -103,7 +103,7 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
         jacobian[3] = slopes.work
         jacobian[TOTALS:] = slopes.displacement.reshape(-1, count)
     regime, jacobian[:2], left = totals, jacobian[2:TOTALS], 0.0
-    if period is not None and scene.ground.track is None:
+    if period is not None and not scene.ground.differs:
         regime, jacobian[:2], left = _find_regime(scene, names)
     elif period is not None:
         regime, jacobian[:2] = [total / periods for total in totals], jacobian[2:TOTALS] / periods

@@ -253,6 +253,15 @@ function drawGround(pen, width, height, eye) {
   const left = camera.x - width / eye.scale, right = camera.x + width / eye.scale, step = spacing(width / eye.scale, 8);
   pen.textAlign = "center";
   if (scene.planar) {
+    for (const [corners, color] of scene.areas) {
+      pen.beginPath();
+      corners.forEach((corner, k) => pen[k ? "lineTo" : "moveTo"](...eye.to(corner)));
+      pen.closePath();
+      pen.globalAlpha = 0.45;
+      pen.fillStyle = color;
+      pen.fill();
+      pen.globalAlpha = 1;
+    }
     for (let x = Math.ceil(left / step) * step; x < right; x += step) line(pen, [[eye.to([x, 0])[0], 0], [eye.to([x, 0])[0], height]], ink("line"));
     for (let y = Math.ceil((camera.y - height / eye.scale) / step) * step; y < camera.y + height / eye.scale; y += step) line(pen, [[0, eye.to([0, y])[1]], [width, eye.to([0, y])[1]]], ink("line"));
     pen.fillStyle = ink("dim");

@@ -16,10 +16,10 @@ import math
 
 import numpy as np
 
-from ...compiled import compiled, lean
+from ...compiled import compiled, entry, lean
 from ...rounding import EPS
 from .frame import friction_of, norm, span
-from .polygon import gap_in, linearise_polygon, work_against
+from .polygon import gap_in, linearise_polygon, nearest_face, work_against
 
 _CLOSE = 32.0 * EPS
 """Rounding error of a force, relative to the magnitude of its terms."""
@@ -73,6 +73,23 @@ def resistance(frame, command, x, i, v0, v1):
         way = norm(w0, w1)
         return (along * w0 * w0 + across * w1 * w1) / way if way > 0.0 else 0.0
     return math.sqrt((along * w0) ** 2 + (across * w1) ** 2)
+
+
+@entry
+def resist_all(frame, command, x, moved):
+    """Compute the work against friction of displacements of all points.
+
+    Args:
+        x: displacements, for the axes, shape (N, 2) [m].
+        moved: shape (N, 2) [m].
+
+    Returns:
+        The work [J].
+    """
+    total = 0.0
+    for i in range(moved.shape[0]):
+        total += resistance(frame, command, x, i, moved[i, 0], moved[i, 1])
+    return total
 
 
 @lean
@@ -241,3 +258,28 @@ def measure_margins(frame, command, x, force, margins):
     for i in range(x.shape[0]):
         gap = gap_of(frame, command, x, i, force)
         margins[i] = gap if gap < np.inf else 0.0
+
+
+@entry
+def find_slip(frame, command, x, force, slip):
+    """Find the directions in which points slide: normals of their sets at forces on the boundary, or little beyond.
+
+    Args:
+        force: that friction balances, shape (N, 2) [N].
+        slip: output, of any length, shape (N, 2).
+    """
+    for i in range(x.shape[0]):
+        at, least, _ = friction_of(frame, command, i)
+        s0, s1 = force[i, 0], force[i, 1]
+        if frame.directions.shape[0] > 0:
+            _, p0, p1 = nearest_face(frame, command, at, s0, s1, 0.0)
+            slip[i, 0], slip[i, 1] = s0 - p0, s1 - p1
+        elif least == 0.0:
+            slip[i, 0], slip[i, 1] = s0, s1
+        else:
+            cos, sin, _, _ = axis_of(frame, x, i)
+            w0, w1 = load_part(frame, command, x, i, s0, s1)
+            if not frame.along_velocity:
+                w0 /= command[at] if w0 >= 0.0 else command[at + 1]
+                w1 /= command[at + 2] if w1 >= 0.0 else command[at + 3]
+            slip[i, 0], slip[i, 1] = cos * w0 - sin * w1, sin * w0 + cos * w1

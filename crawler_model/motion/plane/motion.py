@@ -11,14 +11,16 @@ import numpy as np
 
 from ...body.body import Body
 from ...body.plan import Plan
+from ...body.regions import Regions
 from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, SPENT, VISITED, WORK
+from .borders import follow_over_regions
 from .elastic import balances
 from .frame import Frame, build_frame
 from .jump import COLLAPSED, jump
-from .ramp import LENGTH, MARGIN, PLACE, begin_ramp, complete_ramp, follow_ramp
+from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, begin_ramp, complete_ramp, follow_ramp
 from .state import PlanarState
 from .translation import is_held
 
@@ -51,6 +53,7 @@ class PlaneMotion:
         body: the body.
         frame: its arrays.
         tolerance: largest error of a ramp [m].
+        regions: of the ground; None if it is the same everywhere.
     """
 
     methods: ClassVar[tuple[str, ...]] = ("catch_up",)
@@ -58,6 +61,7 @@ class PlaneMotion:
     body: Body
     frame: Frame
     tolerance: float
+    regions: Regions | None = None
 
     @functools.cached_property
     def unit(self) -> float:
@@ -69,9 +73,21 @@ class PlaneMotion:
         x, command = np.array(x, np.float64, order="C"), self.expand(np.array(target, np.float64)[None])[0]
         turns = not self.frame.vector
         yaw = measure_angles(self.frame.position + x, self.frame.heading[None]) if turns else np.zeros(1)
-        state = PlanarState(self.frame, np.zeros(2), x, np.zeros_like(x), command, yaw, np.full(1, np.inf))
+        region = behind = np.full(self.body.contacts, -1)
+        if self.regions is not None:
+            region, behind = self.regions.find(self.frame.position + x)
+        arrays = np.zeros(2), x, np.zeros_like(x), command, command[self.friction].copy(), region, behind
+        state = PlanarState(self.frame, *arrays, yaw, np.full(1, np.inf))
+        if self.regions is not None:
+            state.held[:] *= self.regions.factors[region, None]
         state.recentre(self.unit)
         return state
+
+    @functools.cached_property
+    def friction(self) -> slice:
+        """Where friction stands in a row of `PlanarState.command`."""
+        first = self.frame.rest.size
+        return slice(first, first + (len(self.frame.directions) or 4) * self.body.contacts)
 
     def expand(self, targets: np.ndarray) -> np.ndarray:
         """Repeat the friction of each disc for its four sides: kernels know only quarter ellipses.
@@ -107,7 +123,12 @@ class PlaneMotion:
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
         for v, target in enumerate(self.expand(targets)):
-            jumps += self._follow_ramp(moving, scratch, target, v, budget, account)
+            if self.regions is None:
+                way = self.follow_ramp(moving, scratch, target, v, budget, account)
+                jumps += [jump for _, jump in way if jump is not None]
+            else:
+                jumps += follow_over_regions(self, moving, scratch, target, v, budget, account)
+            moving.asked[:] = target[self.friction]
             if records.shape[0]:
                 x = moving.displacement
                 records[v, : 2 * n] = x.ravel()
@@ -122,7 +143,7 @@ class PlaneMotion:
             account[VISITED] = state.visited_margin(state.force)
         return tuple(jumps)
 
-    def _follow_ramp(
+    def follow_ramp(
         self,
         state: PlanarState,
         scratch: tuple[np.ndarray, tuple[Any, ...]],
@@ -130,36 +151,55 @@ class PlaneMotion:
         ramp: int,
         budget: int,
         account: np.ndarray,
-    ) -> Iterator[Jump]:
-        """Follow one ramp through its jumps."""
+        parts: float = np.inf,
+    ) -> Iterator[tuple[float, Jump | None]]:
+        """Follow one ramp through its jumps.
+
+        Args:
+            state: changed in place.
+            scratch: memory from `scratch`.
+            target: the end of the ramp, as `PlanarState.command`.
+            ramp: its number.
+            budget: upper limit of work, as for `Crawler`.
+            account: shape (15,), added to.
+            parts: number of parts of the ramp to follow at once [1].
+
+        Yields:
+            After so many parts, or a jump, or at the end: the place on the ramp, 0 to 1, and the jump, if it was one.
+
+        Raises:
+            CommandError: where the body cannot follow.
+        """
         velocity, fields = scratch
         frame, arrays = Frame(*fields), (state.x, state.gained, state.command, state.turned)
         progress = begin_ramp(self.tolerance, state.stability[0])
         frame.effort[:] = 0.0, budget
         velocity[:] = 0.0
         ahead, landed, strayed = _AHEAD, -1.0, False
-        while not follow_ramp(fields, arrays, target, self.tolerance, velocity, account, progress):
-            place = float(progress[PLACE])
-            if self.body.turning is not None and frame.effort[0] <= frame.effort[1]:
-                ahead = _AHEAD_MORE * ahead if place <= landed else _AHEAD
-                ahead, found, jumps = self._move_on(state, frame, target, velocity, (ramp, place, ahead), account)
+        while progress[PLACE] < 1.0:
+            progress[PATIENCE] = parts
+            jump: Jump | None = None
+            if not follow_ramp(fields, arrays, target, self.tolerance, velocity, account, progress):
+                place, found = float(progress[PLACE]), None
+                if self.body.turning is not None and frame.effort[0] <= frame.effort[1]:
+                    ahead = _AHEAD_MORE * ahead if place <= landed else _AHEAD
+                    way = ramp, place, ahead
+                    ahead, found, jumps = self._move_on(state, frame, target, velocity, way, account)
+                before = strayed
                 if found is not None:
                     progress[PLACE] = landed = found.part
                     progress[LENGTH] = ahead
-                    if jumps:
-                        yield found
+                    jump = found if jumps else None
                     strayed = strayed or (not jumps and found.distance > self.tolerance)
                     velocity[:] = 0.0
-                    if landed == 1.0:
-                        break
-                    continue
-            if frame.effort[0] <= frame.effort[1]:
-                raise CommandError(self._explain(state, place))
-            yield from self._complete(state, fields, target, velocity, ramp, account, progress)
-            strayed = True
-            break
-        account[OVERSPENT] += strayed
-        state.stability[0] = progress[MARGIN]
+                elif frame.effort[0] <= frame.effort[1]:
+                    raise CommandError(self._explain(state, place))
+                else:
+                    jump = self._complete(state, fields, target, velocity, ramp, account, progress)
+                    progress[PLACE], strayed = 1.0, True
+                account[OVERSPENT] += strayed - before
+            state.stability[0] = progress[MARGIN]
+            yield float(progress[PLACE]), jump
 
     def _move_on(
         self,
@@ -236,7 +276,7 @@ class PlaneMotion:
         ramp: int,
         account: np.ndarray,
         progress: np.ndarray,
-    ) -> Iterator[Jump]:
+    ) -> Jump | None:
         """Complete a ramp whose budget is spent by one implicit step; a body that turns jumps to its end."""
         place = 100.0 * progress[PLACE]
         if self.body.turning is not None and not self.body.turning.jumps:
@@ -246,19 +286,20 @@ class PlaneMotion:
             )
         frame, arrays = Frame(*fields), (state.x, state.gained, state.command, state.turned)
         frame.effort[:] = 0.0, _COMPLETION * self.body.contacts
+        ended = None
         if self.body.turning is None:
             found = complete_ramp(fields, arrays, target, account, progress)
         else:
             found, contact, distance, loss = jump(frame, arrays, target, 1.0, velocity, account)
             account[RESIDUAL] -= min(loss, 0.0)
             account[VISITED] = min(account[VISITED], state.visited_margin(state.force))
-            if found:
-                yield Jump(ramp, 1.0, int(contact), None, float(distance), float(max(loss, 0.0)))
+            ended = Jump(ramp, 1.0, int(contact), None, float(distance), float(max(loss, 0.0)))
         if not found:
             raise CommandError(
                 f"command: at {place:.4g} % of the ramp the budget of work is spent, and no equilibrium was found at "
                 f"its end; {_HELP}"
             )
+        return ended
 
     def _explain(self, state: PlanarState, place: float) -> str:
         """Explain why a ramp cannot be followed beyond a place."""
@@ -294,8 +335,10 @@ def build_plane_motion(plan: Plan) -> PlaneMotion:
     change = np.abs(np.ptp(plan.drive.targets[:, :parts], axis=0))
     if frame.vector:
         size = float(change.max(initial=0.0)) or float(np.abs(np.ptp(frame.position, axis=0)).max())
-        return PlaneMotion(plan.body, frame, _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size)
+        tolerance = _SHARE * (plan.tolerance or DEFAULT_TOLERANCE) * size
+        return PlaneMotion(plan.body, frame, tolerance, plan.ground.regions)
     change[links:] *= frame.rest[:links].mean()
     size = float(change.max(initial=0.0)) or float(frame.rest[:links].max())
     least = _ROUNDING * float(np.abs(frame.position).max() + frame.rest[:links].sum())
-    return PlaneMotion(plan.body, frame, max(_SHARE * (plan.tolerance or TURNING_TOLERANCE) * size, least))
+    tolerance = max(_SHARE * (plan.tolerance or TURNING_TOLERANCE) * size, least)
+    return PlaneMotion(plan.body, frame, tolerance, plan.ground.regions)

@@ -25,7 +25,11 @@ class PlanarState:
         origin: what the body has travelled, in whole multiples of a length, shape (2,) [m].
         x: displacements from there, shape (N, 2) [m].
         gained: displacement gained in the last command, shape (N, 2) [m].
-        command: the command in force, as in a target, shape (C,).
+        command: what is in force, as in a target: the commands, with the friction of the regions that points stand on,
+            shape (C,).
+        asked: the friction that is commanded, as in `command`, shape (F,) [N].
+        region: the region of the ground that holds each point, -1 outside all of them, shape (N,), int64.
+        behind: of a point on a border the region on its other side, where friction is less; else as `region`.
         turned: the yaw, unwrapped, shape (1,) [rad].
         stability: least stability margin of the last command, shape (1,) [1].
     """
@@ -35,6 +39,9 @@ class PlanarState:
     x: np.ndarray
     gained: np.ndarray
     command: np.ndarray
+    asked: np.ndarray
+    region: np.ndarray
+    behind: np.ndarray
     turned: np.ndarray
     stability: np.ndarray
 
@@ -84,9 +91,18 @@ class PlanarState:
 
     @property
     def friction(self) -> np.ndarray:
-        """Friction in force as in a target, point by point, shape (N,) for discs, else (4 N,) or (m N,) [N]."""
-        given = self.command[self.frame.rest.size : self._last]
-        return given[::4] if self.frame.vector and self.frame.directions.size == 0 else given
+        """Friction commanded as in a target, point by point, shape (N,) for discs, else (4 N,) or (m N,) [N]."""
+        return self.asked[::4] if self._has_discs else self.asked
+
+    @property
+    def _has_discs(self) -> bool:
+        """Whether friction is the same in all directions."""
+        return self.frame.vector and self.frame.directions.size == 0
+
+    @property
+    def held(self) -> np.ndarray:
+        """Friction in force on the ground under each point, a view of `command`, shape (N, 4) or (N, m) [N]."""
+        return self.command[self.frame.rest.size : self._last].reshape(self.x.shape[0], -1)
 
     @property
     def _last(self) -> int:
@@ -138,7 +154,8 @@ class PlanarState:
         Returns:
             The margin [1].
         """
-        total = float(self.friction.reshape(self.x.shape[0], -1).mean(axis=1).sum()) * (1.0 + self.frame.vector)
+        held = self.held[:, :1] if self._has_discs else self.held
+        total = float(held.mean(axis=1).sum()) * (1.0 + self.frame.vector)
         return float(np.maximum(self.margins(force), 0.0).sum()) / total if total > 0.0 else 0.0
 
     def recentre(self, unit: float) -> None:
@@ -158,8 +175,9 @@ class PlanarState:
         Returns:
             An independent state with the same numbers.
         """
-        arrays = (self.origin, self.x, self.gained, self.command, self.turned, self.stability)
-        return PlanarState(self.frame, *(array.copy() for array in arrays))
+        fields = dict(vars(self))
+        frame = fields.pop("frame")
+        return PlanarState(frame, **{name: array.copy() for name, array in fields.items()})
 
     def bits(self) -> bytes:
         """Return all numbers as bytes, for comparison.

@@ -80,7 +80,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         gains=None if turns else _gains(replay),
         rests=[(rest.since, rest.until) for rest in replay.rests if rest.run == 0],
         jumps=samples.jumps,
-        scene=None if turns else scene,  # the friction of a body that turns has no fixed directions to draw
+        scene=scene,
         force=None if scene is None or turns else planar_forces(scene, tension, samples.get("command")),
         share=None if scene is None else scene.body.share[shown_contacts(scene.body)],
     )

@@ -13,7 +13,7 @@ pytest.importorskip("cma")
 from crawler_lab import optimise, pareto
 from crawler_lab.optimise import search
 from crawler_lab.optimise.space import Evaluator
-from crawler_model import CrawlerError, Scene, load_scene, simulate
+from crawler_model import CrawlerError, Scene, SceneError, load_scene, simulate
 
 STROKE = {"drive.actuation[1][0][0]": (0.0, 0.2)}
 
@@ -185,3 +185,22 @@ def test_a_start_elsewhere_is_refused_on_patches():
     document = load_scene("ice").document() | {"start": {"displacement": 0.1}}
     with pytest.raises(CrawlerError, match=r"start\.displacement: ice has ground\.patches, where gaits"):
         optimise(Scene.model_validate(document))
+
+
+def test_a_gait_over_regions_of_the_plane_counts_its_first_periods():
+    """Its value is the mean gain of three periods along the x axis, as a run of it shows; on ice it is another one."""
+    document = load_scene("planar_rectilinear").document()
+    found = []
+    for factor in (1.0, 0.5):
+        ground = {"regions": [{"left_of": [[0.35, 1.0], [0.35, -1.0]], "friction": factor}]}
+        scene = Scene.model_validate(document | {"ground": ground, "start": "relaxed"})
+        best = optimise(scene, waypoints=2, stroke={"link_0/x": (0.0, 0.1)}, periods=3, seconds=0.2)
+        run = simulate(best.scene, 3.0 * best.scene.drive.period)
+        assert best.value == pytest.approx((run.net_translation[-1, 0] - run.net_translation[0, 0]) / 3.0, abs=1e-6)
+        found.append(best.value)
+    assert found[0] != pytest.approx(found[1], rel=1e-3)
+
+
+def test_gaits_of_bodies_that_turn_are_not_sought_over_regions():
+    with pytest.raises(SceneError, match=r"snake_over_two_grounds has ground.regions, over which gaits of bodies that"):
+        optimise("snake_over_two_grounds", "translation", waypoints=3, seconds=0.1)

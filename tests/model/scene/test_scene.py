@@ -395,6 +395,10 @@ BOUNDED = {
     ("PatchPart", "friction"): (PATCHED, "ground/patches/0/friction"),
     ("PatchPart", "forward"): (PATCHED, "ground/patches/0/forward"),
     ("PatchPart", "backward"): (PATCHED, "ground/patches/0/backward"),
+    ("RegionPart", "friction"): (
+        {**PLANE, "friction": {"isotropic": 1}, "ground": {"regions": [{"left_of": [[0, 0], [0, 1]], "friction": 1}]}},
+        "ground/regions/0/friction",
+    ),
     ("PatchPart", "slope"): (PATCHED, "ground/patches/0/slope"),
     ("ProfilePart", "friction"): (
         {**PATCHED, "ground": {"profile": {"at": [0], "friction": [1]}}},
