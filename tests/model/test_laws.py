@@ -20,6 +20,7 @@ from .bodies import (
     IN_THE_PLANE,
     LOOSE,
     ON_A_LINE,
+    ON_GRADUAL_GROUND,
     ON_PATCHES,
     TOLERANCE,
     Drawn,
@@ -31,7 +32,7 @@ from .chains import from_rows
 STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE)]
 """Methods that take one implicit step a ramp."""
 FOLLOWED = [
-    *((kind, "exact") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *ON_PATCHES, *BETWEEN_WALLS)),
+    *((kind, "exact") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *ON_PATCHES, *BETWEEN_WALLS, *ON_GRADUAL_GROUND)),
     *((kind, "catch_up") for kind in IN_THE_PLANE),
 ]
 """Methods that follow the path itself, to rounding on a line, to a tolerance in the plane."""

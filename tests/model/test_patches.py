@@ -313,7 +313,7 @@ def test_only_exact_follows_patches_and_says_why():
 def test_patches_in_the_plane_are_refused_with_the_reason():
     body = {"contacts": [[0.0, 0.0], [1.0, 0.0]], "links": {"stiffness": 1.0}}
     scene = {"name": "planar", "dimension": 2, "friction": {"isotropic": 1.0}, "body": body}
-    with pytest.raises(SceneError, match=r"ground.patches: only on a line; in the plane paths are followed in steps"):
+    with pytest.raises(SceneError, match=r"ground.patches: only on a line; in the plane give ground.regions"):
         Scene.model_validate(scene | {"ground": {"patches": ice()}})
 
 

@@ -258,12 +258,10 @@ def test_regions_may_touch():
     assert pair([{"polygon": SQUARE, "friction": 0.5}, {"polygon": right, "friction": 2.0}], [[0.0, 0.0]])
 
 
-def test_they_are_for_the_plane_and_patches_for_the_line():
+def test_on_a_line_they_are_patches():
     line = {"name": "line", "body": {"contacts": [0, 1], "links": {"stiffness": 1}}, "friction": {"isotropic": 1}}
     with pytest.raises(SceneError, match=r"ground.regions: only in the plane; on a line give ground.patches"):
         Scene.model_validate(line | {"ground": {"regions": [half(0.9, 0.5)]}})
-    with pytest.raises(SceneError, match=r"ground.patches: only on a line; in the plane give ground.regions"):
-        pair([], [[0.0, 0.0]], ground={"patches": [{"from": 0, "to": 1, "friction": 0.5}]})
 
 
 def test_corners_may_be_given_clockwise():
