@@ -144,6 +144,12 @@ def compare_rates(body: Drawn, method: str, rate: float) -> None:
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_which_contacts_can_begin_a_jump_does_not_depend_on_the_rates_of_commands(rate):
+    """Commands rest while contacts are moved to see: one beside another that could not begin counted as a second one."""
+    compare_rates(Drawn("chain on gradual ground", 1122816), "exact", rate)
+
+
 @law(*FOLLOWED, rate=st.floats(0.1, 20.0))
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     compare_rates(body, method, rate)

@@ -37,6 +37,7 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
         return
     block, first, way, found = model.block, -1, 0, 0
     ambiguous, least = ramp.account.ambiguous, np.inf
+    falling, ramp.fall.falling = ramp.fall.falling, 1  # in a fall commands rest
     for row in range(count):
         e = block[row]
         ahead, behind = e.ahead, e.behind
@@ -53,6 +54,7 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
                         first, way, least = e.contact, side, slope
             e.ahead, e.behind = ahead, behind
     ramp.account.ambiguous = ambiguous if found < 2 else 1.0
+    ramp.fall.falling = falling
     if found > 0:
         let_tip(contacts[first], ground, ramp, first, way)
 
