@@ -32,7 +32,10 @@ from .chains import from_rows
 STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE)]
 """Methods that take one implicit step a ramp."""
 FOLLOWED = [
-    *((kind, "exact") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *ON_PATCHES, *BETWEEN_WALLS, *ON_GRADUAL_GROUND)),
+    *(
+        (kind, "exact")
+        for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *ON_PATCHES, *BETWEEN_WALLS, *ON_GRADUAL_GROUND)
+    ),
     *((kind, "catch_up") for kind in IN_THE_PLANE),
 ]
 """Methods that follow the path itself, to rounding on a line, to a tolerance in the plane."""
