@@ -93,6 +93,10 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
         if scene.ground.track.profile is None:
             where = "outside the patches"
         screen.print(f"stasis domain, directions and uniqueness margin are those of the ground {where}")
+    if scene.ground.track is not None and scene.ground.track.couplings:
+        screen.print(
+            "stasis domain, directions and uniqueness margin are those of the friction without what elongations add"
+        )
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)

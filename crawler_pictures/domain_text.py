@@ -80,6 +80,8 @@ def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
     name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand next to formulas
     track = scene.ground.track
+    if track is not None and track.couplings:
+        return f"stasis domain: {name}, without the friction that elongations add"
     if track is not None and track.profile is not None:
         return f"stasis domain: {name}, on ground with a factor of 1"
     patched = track is not None and track.borders.size

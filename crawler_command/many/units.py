@@ -7,6 +7,7 @@ import re
 from crawler_model import Scene
 
 _UNITS = {
+    "added": "N",
     "forward": "N",
     "backward": "N",
     "left": "N",
@@ -66,6 +67,8 @@ def unit_of(scene: Scene, key: str) -> str:
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
     if "patches" in steps or "profile" in steps:
         return "1" if unit == "N" else unit
+    if steps[:2] == ["friction", "with_elongation"] and len(named) > 2 and scene.parts.couplings[int(named[2])].segment:
+        return "N/m" if unit == "N" else unit
     if (steps[-1] in ("loads", "weights") or named[:2] == ["drive", "friction"]) and scene.body.segments:
         alone, indices = int(scene.body.isolated.size), [int(step) for step in named if step.isdecimal()]
         if alone and len(indices) <= steps.count("drive"):  # a whole row

@@ -96,7 +96,7 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
     weight = scene.ground.weight
     track = scene.ground.track
     if track is not None:
-        friction = friction * track.largest_factor.max()
+        friction = friction * track.largest_factor.max() + track.largest_added.max(axis=0)
     if scene.ground.regions is not None:
         friction = friction * scene.ground.regions.factors.max()
     friction = friction + max(abs(low), abs(high)) * body.ground + weight

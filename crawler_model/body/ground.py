@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rounding import EPS
+from .couplings import Coupling, add_friction
 from .directions import unit_directions
 from .regions import Regions
 
@@ -66,7 +67,9 @@ class Track:
         weight: of each contact, shape (N,) [N].
         walls: the walls; None without any.
         profile: of each stretch the place where it begins [m], and by how much the factors forward and backward and the
-            sine of the slope grow along it [1/m], shape (4, M + 1); None if all are constant on all stretches.
+            sine of the slope grow along it [1/m], shape (4, M + 1); None if all are constant on all stretches and no
+            friction changes with elongations.
+        couplings: friction that changes with elongations, sorted by contact and spring.
     """
 
     borders: np.ndarray
@@ -77,10 +80,13 @@ class Track:
     weight: np.ndarray
     walls: Walls | None = None
     profile: np.ndarray | None = None
+    couplings: tuple[Coupling, ...] = ()
 
     @property
     def key(self) -> str:
-        """The key of the scene file that makes the ground differ from place to place."""
+        """The key of the scene file that makes friction, or the ground, differ from place to place."""
+        if self.couplings:
+            return "friction.with_elongation"
         if self.profile is not None:
             return "ground.profile"
         return "ground.patches" if self.borders.size else "ground.walls"
@@ -98,11 +104,19 @@ class Track:
     def largest_factor(self) -> np.ndarray:
         """The largest factor of all stretches, shape (2, N)."""
         factor = self.factor
-        if self.profile is not None:
+        if self.profile is not None and self.borders.size:
             length = np.append(self.borders[0] - self.profile[0, 0], np.diff(self.borders))
             ends = self.grip[:, :-1] + self.profile[1:3, :-1] * length
             factor = np.concatenate((factor, np.repeat(ends[:, :, None], self.weight.size, axis=2)), axis=1)
         return np.asarray(factor.max(axis=1))
+
+    @property
+    def largest_added(self) -> np.ndarray:
+        """The largest friction that elongations add to that of each contact, shape (2, N) [N]."""
+        added = np.zeros((2, self.weight.size))
+        for coupling in self.couplings:
+            added[:, coupling.contact] += coupling.added.max(axis=1)
+        return added
 
     @property
     def changes_friction_gradually(self) -> bool:
@@ -139,6 +153,8 @@ class Track:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the bounds of the spring forces where contacts are, as `bounds` does at given places.
 
+        They contain the friction that elongations add.
+
         Args:
             targets: as for `bounds`.
             position: reference positions xi, shape (N,) [m].
@@ -148,7 +164,12 @@ class Track:
             As `bounds`.
         """
         every = np.broadcast_to(position, x.shape)
-        return self.bounds(targets, self.find_places(every.ravel(), x.ravel()).reshape(x.shape), position + x)
+        place = self.find_places(every.ravel(), x.ravel()).reshape(x.shape)
+        forward, backward, load = self.bounds(targets, place, position + x)
+        if self.couplings:
+            more_forward, more_backward = add_friction(self.couplings, x)
+            forward, backward = forward + more_forward, backward + more_backward
+        return forward, backward, load
 
     def bounds(
         self, targets: np.ndarray, place: np.ndarray, at: np.ndarray

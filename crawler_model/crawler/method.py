@@ -45,6 +45,7 @@ def choose_method(scene: Plan, method: str | None) -> Method:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
     if method not in offered and method == "catch_up":
         passed = {
+            "friction.with_elongation": "over the elongations of friction.with_elongation instead of meeting",
             "ground.profile": "over the places of ground.profile instead of meeting",
             "ground.patches": "over the borders of ground.patches instead of meeting",
             "ground.walls": "through ground.walls instead of stopping at",

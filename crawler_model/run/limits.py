@@ -190,7 +190,8 @@ class _Search:
         bounds = self.targets[:, self.bounds]
         held = bounds[:, n:] - self.load if direction > 0 else bounds[:, :n] + self.load
         if ground.track is not None:
-            held = held * ground.track.largest_factor[1 if direction > 0 else 0]
+            side = 1 if direction > 0 else 0
+            held = held * ground.track.largest_factor[side] + ground.track.largest_added[side]
         others = direction * (self.load - ground.slope_load)
         return min(
             steepest_held(ground, mu, p) for mu, p in zip(held, np.broadcast_to(others, held.shape), strict=True)
@@ -208,7 +209,7 @@ class _Search:
                 track.bounds(commanded, np.full(n, 2 * j), track.borders[border] if last else np.zeros(n))
                 for j, border in ends
             ]
-            sides = [np.array([pair[k] for pair in bounds]) for k in (0, 1)]
+            sides = [np.array([pair[k] for pair in bounds]) + track.largest_added[k] for k in (0, 1)]
         forward, backward = (float(side.max(axis=0).sum(axis=1).min()) for side in sides)
         return forward, backward
 

@@ -103,10 +103,12 @@ def _check_parts(parts: SceneParts) -> None:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
     if parts.body.links is None and (parts.dimension == 2 or parts.body.gaps > 0):
         raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
-    if parts.friction is None and parts.body.places:
+    if parts.body.places and (parts.friction is None or parts.friction.is_bare):
         raise SceneError("friction: missing; isolated contacts need it")
     if parts.ground is not None and parts.ground.profile is not None:
         _check_profile(parts)
+    if parts.couplings:
+        _check_couplings(parts)
 
 
 def _check_profile(parts: SceneParts) -> None:
@@ -129,6 +131,22 @@ def _check_profile(parts: SceneParts) -> None:
             "drive.friction: on a ground.profile of friction it cannot be commanded, as the bounds of a sliding "
             "contact would be no straight lines; leave it out"
         )
+
+
+def _check_couplings(parts: SceneParts) -> None:
+    """Refuse what is not followed exactly where friction changes with elongations."""
+    if parts.dimension == 2:
+        raise SceneError(
+            "friction.with_elongation: only on a line; in the plane paths are followed in steps, which would pass over "
+            "its elongations"
+        )
+    if parts.body.is_bent:
+        raise SceneError(
+            "friction.with_elongation: with links or segments that have `curve`, `tension`, `passive` or `hysteresis` "
+            "it is not supported; give `stiffness` alone"
+        )
+    if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
+        raise SceneError("friction.with_elongation: beside coefficients it is not supported; give `friction` as forces")
 
 
 def _check_planar(parts: SceneParts) -> None:
@@ -193,10 +211,13 @@ def _describe(segment: SegmentPart) -> dict[str, Any]:
 def _count(parts: SceneParts, place: int) -> int:
     """Find the number of elements that a segment needs for its accuracy under the drive of the scene.
 
-    Patches, profiles and walls are left out: with them the periods differ from each other, and so do their errors.
+    Patches, profiles and walls are left out: with them the periods differ from each other, and so do their errors. So
+    is friction that changes with elongations, of which the errors are not known.
     """
     if parts.ground is not None and parts.ground.varies:
         parts = parts.model_copy(update={"ground": parts.ground.even})
+    if parts.friction is not None and parts.couplings:
+        parts = parts.model_copy(update={"friction": parts.friction.constant})
     segments = parts.body.segments
     accuracy = segments[place].accuracy
     assert accuracy is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
 from ..body.columns import Columns
+from ..body.couplings import Coupling
 from ..body.ground import Ground, Track, Walls
 from ..body.regions import Regions
 from ..errors import SceneError
@@ -107,10 +109,12 @@ def _overlap(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.nda
 def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: np.ndarray) -> Track | None:
     """Divide the track into stretches; None if it is the same everywhere."""
     ground = parts.ground or GroundPart()
-    if not ground.varies:
+    couplings = _assemble_couplings(parts, body)
+    if not ground.varies and not couplings:
         return None
     if ground.profile is not None:
-        return _assemble_gradual_track(parts, ground, body, (weight, follows))
+        gradual = _assemble_gradual_track(parts, ground, body, (weight, follows))
+        return dataclasses.replace(gradual, couplings=couplings)
     stretches: list[tuple[float, float, float]] = []  # factors forward and backward, slope
     borders: list[float] = []
     between = (1.0, 1.0, ground.slope)
@@ -127,7 +131,45 @@ def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: 
     theta, track = np.radians(slope), math.radians(ground.slope)
     pressed, rise = np.cos(theta) / math.cos(track), np.sin(theta) - math.sin(track)
     rows = (frozen(borders), frozen(np.stack((forward, backward))), frozen(pressed), frozen(rise))
-    return Track(*rows, follows, weight, _assemble_walls(ground, body))
+    profile = frozen(np.zeros((4, len(stretches)))) if couplings else None
+    return Track(*rows, follows, weight, _assemble_walls(ground, body), profile, couplings)
+
+
+def _assemble_couplings(parts: SceneParts, body: Body) -> tuple[Coupling, ...]:
+    """Build what changes friction with elongations, sorted by contact and spring.
+
+    What an element of a segment adds is divided equally between its two contacts.
+    """
+    found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
+    names = {segment.name: segment for segment in body.segments}
+    for k, part in enumerate(parts.couplings):
+        key, at, added = f"friction.with_elongation: entry {k}", np.array(part.at), np.array(part.sides)
+        if part.link is not None:
+            _check_index(part.link, body.link_springs.size, f"{key}: link", "the links are")
+            for i in part.contacts or ():
+                _check_index(i, body.isolated.size, f"{key}: contacts", "the isolated contacts are")
+                found.append((int(body.isolated[i]), int(body.link_springs[part.link]), at, added))
+            continue
+        if part.segment not in names:
+            known = f"the segments are {', '.join(names)}" if names else "there are none"
+            raise SceneError(f"{key}: segment: {part.segment!r}; {known}")
+        segment = names[part.segment]
+        for j in range(segment.elements):
+            for i in (segment.first + j, segment.first + j + 1):
+                half = 0.5 * segment.element
+                found.append((i, segment.first_spring + j, at * segment.element, added * half))
+    found.sort(key=lambda coupling: coupling[:2])
+    return tuple(
+        Coupling(i, j, (int(body.ends[j, 0]), int(body.ends[j, 1])), frozen(at), frozen(added))
+        for i, j, at, added in found
+    )
+
+
+def _check_index(index: int, count: int, field: str, known: str) -> None:
+    if not 0 <= index < count:
+        raise SceneError(
+            f"{field}: {index}; {known} 0 .. {count - 1}" if count else f"{field}: {index}; there are none"
+        )
 
 
 def _assemble_gradual_track(
@@ -327,7 +369,7 @@ def assemble_friction(
         given = 0.0 if parts.loads is None else parts.loads
         loads = planar_loads(given, body.contacts, "loads") if columns.loads else np.zeros(0)
         return np.concatenate((planar.ravel(), loads))
-    sides = (0.0, 0.0) if parts.friction is None else parts.friction.sides
+    sides = (0.0, 0.0) if parts.friction is None or not body.isolated.size else parts.friction.sides
     if parts.angles:
         raise SceneError("friction.directions: only for planar scenes; on a line give `forward` and `backward`")
     count = body.isolated.size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from typing import Annotated, Any, Literal
 
@@ -169,6 +170,67 @@ def explain_friction(value: Any) -> Any:
     return value
 
 
+class CouplingPart(Part):
+    """Friction that a link or a segment adds as it changes its length: linear between values, constant beyond them."""
+
+    link: int | None = optional("The link whose elongation counts, counted from 0.")
+    contacts: tuple[int, ...] | None = optional("With `link`: the isolated contacts that it adds friction to.")
+    elongation: tuple[Number, ...] | None = optional("With `link`: elongations, strictly increasing.", "m")
+    segment: str | None = optional("Instead of `link`: the segment whose strain adds friction to its own ground.")
+    strain: tuple[Number, ...] | None = optional("With `segment`: strains, strictly increasing.", "1")
+    added: tuple[Number, ...] | None = optional(
+        "Friction added in both directions at each elongation (N), or per length at each strain (N/m).",
+        "N, N/m",
+        minimum=0,
+    )
+    forward: tuple[Number, ...] | None = optional(
+        "Instead of `added`: against sliding towards +x. Default: 0.", "N, N/m", minimum=0
+    )
+    backward: tuple[Number, ...] | None = optional(
+        "The same against sliding towards -x. Default: 0.", "N, N/m", minimum=0
+    )
+
+    @property
+    def at(self) -> tuple[float, ...]:
+        """The elongations [m] or strains at which friction is given."""
+        return self.elongation or self.strain or ()
+
+    @property
+    def sides(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Friction added forward and backward at each of them [N, N/m]."""
+        if self.added is not None:
+            return self.added, self.added
+        none = (0.0,) * len(self.at)
+        return self.forward or none, self.backward or none
+
+    @model_validator(mode="after")
+    def _fits(self) -> CouplingPart:
+        if (self.link is None) == (self.segment is None):
+            raise ValueError("give `link`, `contacts` and `elongation`, or `segment` and `strain`")
+        key, unit = ("strain", "") if self.link is None else ("elongation", " m")
+        for name in ("contacts", "elongation", "strain"):
+            needed = self.link is None if name == "strain" else self.link is not None
+            if (getattr(self, name) is not None) != needed:
+                kind = "segment" if self.link is None else "link"
+                raise ValueError(f"{name}: {'missing' if needed else 'given'} beside `{kind}`")
+        if not self.at:
+            raise ValueError(f"{key}: no values; give at least one")
+        for before, after in itertools.pairwise(self.at):
+            if not after > before:
+                raise ValueError(f"{key}: {after:g}{unit} follows {before:g}{unit}; values must be strictly increasing")
+        given = {name: getattr(self, name) for name in ("added", "forward", "backward")}
+        rows = {name: row for name, row in given.items() if row is not None}
+        if not rows or (self.added is not None and len(rows) > 1):
+            raise ValueError("give `added`, or `forward` and `backward`, not both")
+        for name, row in rows.items():
+            if len(row) != len(self.at):
+                raise ValueError(f"{name}: {len(row)} value(s) for {len(self.at)} in `{key}`; give one for each")
+            for value in row:
+                if value < 0.0:
+                    raise ValueError(f"{name}: {value:g}; added friction must be >= 0")
+        return self
+
+
 class _Friction(Part):
     """Base of friction by sides, in some parts also by directions or as coefficients."""
 
@@ -187,6 +249,8 @@ class _Friction(Part):
             raise ValueError("give both `left` and `right`, or neither")
         elif left and not (forward and backward):
             raise ValueError("give `forward`, `backward`, `left` and `right` together, or only `isotropic`")
+        elif not any(given) and getattr(self, "with_elongation", None):
+            pass  # of a body without isolated contacts
         elif forward != backward or forward == isotropic:
             raise ValueError("give both `forward` and `backward`, or only `isotropic`")
         return self
@@ -272,6 +336,20 @@ class FrictionPart(_Friction):
     )
 
     coefficient: CoefficientPart | None = optional("Instead of forces: coefficients, of the weights of the contacts.")
+    with_elongation: tuple[CouplingPart, ...] = key(
+        "Only on a line: friction added to contacts and segments as links and segments change their lengths.",
+        default=(),
+    )
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether it holds nothing but what changes with elongations."""
+        return self.coefficient is None and self.directions is None and self.quarters == (None,) * len(SIDES)
+
+    @property
+    def constant(self) -> FrictionPart | None:
+        """The same friction without what changes with elongations."""
+        return None if self.is_bare else self.model_copy(update={"with_elongation": ()})
 
     @property
     def given(self) -> FrictionPart | CoefficientPart:

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validato
 from ..arrays import spread
 from ..body.build import touch
 from .friction_parts import (
+    CouplingPart,
     Deep,
     FrictionPart,
     FrictionRowsPart,
@@ -444,6 +445,11 @@ class SceneParts(Part):
     drive: DrivePart | None = optional(
         "Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."
     )
+
+    @property
+    def couplings(self) -> tuple[CouplingPart, ...]:
+        """What changes friction with elongations."""
+        return () if self.friction is None else self.friction.with_elongation
 
     @property
     def angles(self) -> tuple[float, ...]:

@@ -17,6 +17,7 @@ from .bent_bodies import draw_link
 CHAIN, GRAPH, SEGMENT, HYBRID = "chain", "graph", "segment", "hybrid"
 DISCS, POLYGONS = "plane, discs", "plane, polygons"
 ON_A_LINE, IN_THE_PLANE = (CHAIN, GRAPH, SEGMENT, HYBRID), (DISCS, POLYGONS)
+SWELLS = "with_elongation"
 CHAMBERS = "chambers"
 """Three segments that touch."""
 BENT = tuple(f"bent {kind}" for kind in ON_A_LINE)
@@ -28,6 +29,8 @@ LOOSE = tuple(f"loose {kind}" for kind in (CHAIN, HYBRID))
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
 ON_GRADUAL_GROUND = tuple(f"{kind} on gradual ground" for kind in (CHAIN, GRAPH))
 """With friction and, unless some contacts have none, slopes that change along the track; friction is not commanded."""
+SWELLING = tuple(f"swelling {kind}" for kind in ON_A_LINE)
+"""With friction that changes with elongations, by slopes below the stiffness, so that there is one solution."""
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
 TOLERANCE = 1e-6
 """Of planar bodies, relative to their extent."""
@@ -90,11 +93,17 @@ class Driven:
             sides = drive["friction"].items()
             drive["friction"] = {side: [sort(row, order).tolist() for row in rows] for side, rows in sides}
         sides = self.data["friction"].items()
+        swelling = [
+            entry | ({"link": int(np.argsort(ways)[entry["link"]])} if "link" in entry else {})
+            for entry in self.data["friction"].get(SWELLS, [])
+        ]
+        sides = [(side, row) for side, row in sides if side != SWELLS]
         data = {
             "body": body | {"contacts": [body["contacts"][k] for k in order], "links": links},
             "friction": {side: row if side == "directions" else sort(row, order).tolist() for side, row in sides},
             "drive": drive,
         }
+        data["friction"] |= {SWELLS: swelling} if swelling else {}
         held = [(sort(a, ways), *(None if f is None else sort(f, order) for f in rest)) for a, *rest in self.rows]
         return Driven(self.data | data, tuple(held)), order
 
@@ -142,7 +151,7 @@ class Drawn:
             return _in_the_plane(self, rng, length, force, mirrored)
         ground = self.kind.removesuffix(" between walls")
         bare = ground.removesuffix(" on patches").removesuffix(" on gradual ground").removeprefix("bent ")
-        bare = bare.removeprefix("hysteretic ").removeprefix("loose ")
+        bare = bare.removeprefix("hysteretic ").removeprefix("loose ").removeprefix("swelling ")
         plain = dataclasses.replace(self, kind=bare, commanded=self.commanded and ground not in ON_GRADUAL_GROUND)
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
@@ -151,6 +160,8 @@ class Drawn:
             driven = _with_hysteresis(self, driven, length, force)
         if self.kind in LOOSE:
             driven = _with_backlash(self, driven, length)
+        if self.kind in SWELLING:
+            driven = _with_elongation(self, driven, length, force, mirrored)
         if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
         if ground in ON_GRADUAL_GROUND:
@@ -306,6 +317,30 @@ def _with_backlash(drawn: Drawn, driven: Driven, length: float) -> Driven:
     links = zip(body["links"]["between"], body["links"]["stiffness"], strict=True)
     body["links"] = [{"between": pair, "stiffness": k, "backlash": draw(length)} for pair, k in links]
     return Driven(driven.data | {"body": body}, driven.rows)
+
+
+def _with_elongation(drawn: Drawn, driven: Driven, length: float, force: float, mirrored: bool) -> Driven:
+    """Let most links change the friction of their contacts, and segments their own."""
+    rng = np.random.default_rng([drawn.seed, 6])
+    body, entries = driven.data["body"], []
+    links = body.get("links", {"stiffness": [], "between": []})
+
+    def draw(key: str, unit: float, slope: float) -> dict[str, Any]:
+        at = np.sort(rng.uniform(-1.5, 1.5, 3)) if not drawn.ties else np.sort(rng.choice(13, 3, False) - 6.0) / 4.0
+        slopes = rng.uniform(-0.9, 0.9, (2, 2)) if not drawn.ties else rng.integers(-3, 4, (2, 2)) / 4.0
+        rows = np.concatenate((np.zeros((2, 1)), np.cumsum(slopes * np.diff(at), axis=1)), axis=1)
+        rows = slope * unit * (rows - rows.min(axis=1, keepdims=True))
+        sides = dict(zip(("forward", "backward"), (rows[::-1] if mirrored else rows).tolist(), strict=True))
+        return {key: (at * unit).tolist()} | sides
+
+    for k, (pair, stiffness) in enumerate(zip(links["between"], links["stiffness"], strict=True)):
+        ends = [i for i in (pair[::-1] if mirrored else pair) if isinstance(i, int)]
+        if rng.random() < 0.7 and ends:
+            part = draw("elongation", length, stiffness)
+            entries.append({"link": k, "contacts": ends[: int(rng.integers(1, 3))]} | part)
+    for part in body["segments"]:
+        entries.append({"segment": part["name"]} | draw("strain", 1.0, part["stiffness"] / length))
+    return Driven(driven.data | {"friction": driven.data.get("friction", {}) | {SWELLS: entries}}, driven.rows)
 
 
 def _on_patches(drawn: Drawn, driven: Driven, length: float, force: float, mirrored: bool) -> Driven:

@@ -22,6 +22,7 @@ from .bodies import (
     ON_A_LINE,
     ON_GRADUAL_GROUND,
     ON_PATCHES,
+    SWELLING,
     TOLERANCE,
     Drawn,
     Driven,
@@ -34,7 +35,17 @@ STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERE
 FOLLOWED = [
     *(
         (kind, "exact")
-        for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *ON_PATCHES, *BETWEEN_WALLS, *ON_GRADUAL_GROUND)
+        for kind in (
+            *ON_A_LINE,
+            CHAMBERS,
+            *BENT,
+            *HYSTERETIC,
+            *LOOSE,
+            *ON_PATCHES,
+            *BETWEEN_WALLS,
+            *SWELLING,
+            *ON_GRADUAL_GROUND,
+        )
     ),
     *((kind, "catch_up") for kind in IN_THE_PLANE),
 ]

@@ -14,6 +14,7 @@ Args:
     curves: a `Curves`; None if all springs are linear.
     pieces: PIECE, of all curves.
     ground: a `Terrain`; None on ground that is the same everywhere.
+    couplings: the `Couplings`; None if no friction changes with elongations.
     s: place on the ramp, or on the fall that the contact or the spring takes part in.
     n: number of contacts N.
     c: the CONTACT.

@@ -12,6 +12,7 @@ from ...compiled import inlined, lean
 from ...rounding import EPS
 from .advance import place_of
 from .ground.bounds import enter_ground
+from .ground.couplings import couplings_of, is_coupled, place_couplings
 from .ground.gradual import is_gradual
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
@@ -303,8 +304,21 @@ def _find_mesh(contacts, springs, model, ramp, i):
 
 
 @inlined
+def _find_whole(contacts, springs, model, ramp):
+    """Enter all contacts in the block: elongations change the bounds of any contact; returns their number."""
+    place_couplings(contacts, couplings_of(model.ground), ramp)
+    ramp.search.anchored = 0
+    for i in range(contacts.shape[0]):
+        leave_bounds(contacts[i], ramp)
+        _enter(contacts, springs, model, ramp, i, i)
+    return contacts.shape[0]
+
+
+@inlined
 def find_block(contacts, springs, model, matrix, ramp, i):
     """Enter in the block all contacts at their bounds that springs join to contact i without passing a wall.
+
+    Where friction changes with elongations, it is the whole body.
 
     Returns:
         The number of rows.
@@ -313,6 +327,8 @@ def find_block(contacts, springs, model, matrix, ramp, i):
     ramp.search.path = ramp.search.guards = 0
     if matrix is None:
         return _find_stretch(contacts, springs, model, model.runs, ramp, i)
+    if is_coupled(couplings_of(model.ground)) and not ramp.stepping:
+        return _find_whole(contacts, springs, model, ramp)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)
     if count == 0:
         ramp.search.block += 1

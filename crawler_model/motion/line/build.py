@@ -8,12 +8,26 @@ from typing import Any
 import numpy as np
 
 from ...body.body import Body
+from ...body.couplings import add_friction
 from ...body.curves import add_start, list_sliders
 from ...body.ground import Track
 from ...errors import SceneError
-from ...rounding import EPS
+from ...rounding import CRITICAL, EPS
 from ..pieces import NO_PIECES
-from .records import BACKWARD, BLOCK, BREAK, CONTACT, END, FOOT, FORWARD, RUN, SPRING, zeros
+from .records import (
+    BACKWARD,
+    BLOCK,
+    BREAK,
+    CONTACT,
+    COUPLING,
+    COUPLING_PIECE,
+    END,
+    FOOT,
+    FORWARD,
+    RUN,
+    SPRING,
+    zeros,
+)
 from .springs.records import BEND, PIECE, SLIDER, STRAY
 from .tournament import find_winners
 
@@ -86,15 +100,19 @@ def _build_runs(contacts: int) -> np.ndarray:
     return runs
 
 
-def build_memory(body: Body, gradual: bool = False) -> tuple[Any, ...]:
+def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tuple[Any, ...]:
     """Allocate the memory in which ramps are followed.
 
     Args:
         body: the body.
         gradual: whether the ground changes gradually.
+        coupled: whether friction changes with elongations; blocks then have dense matrices.
 
     Returns:
         The fields of a `Model` without ground; only the ends of springs hold data between calls.
+
+    Raises:
+        SceneError: if a matrix has too many entries.
     """
     n, count = body.contacts, body.springs
     at = body.ends.T.ravel()
@@ -104,8 +122,15 @@ def build_memory(body: Body, gradual: bool = False) -> tuple[Any, ...]:
     ends["spring"] = np.tile(np.arange(count), 2)[order]
     ends["sign"] = np.repeat([1.0, -1.0], count)[order]
     width = 1 if body.is_chain else max(order_contacts(body)[1], 1)
+    if coupled:
+        width = n
+        if n * n > _MOST_NUMBERS:
+            raise SceneError(
+                f"friction.with_elongation: {n} contacts need a matrix with {n * n:.1e} entries; at most "
+                f"{_MOST_NUMBERS:.0e} are allowed"
+            )
     matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
-    runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends else None
+    runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends and not coupled else None
     return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
 
 
@@ -133,6 +158,34 @@ def build_curves(body: Body) -> tuple[Any, ...] | None:
     for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
         pieces[name] = column
     return bends, pieces, zeros(body.contacts, STRAY), None
+
+
+def build_couplings(body: Body, track: Track | None) -> tuple[np.ndarray, ...] | None:
+    """Build the couplings of a body, memory that holds no data between ramps but what the scene gives.
+
+    Args:
+        body: the body.
+        track: the ground.
+
+    Returns:
+        The fields of `Couplings` without feet, which are state; None without any.
+    """
+    if track is None or not track.couplings:
+        return None
+    each, tables = zeros(len(track.couplings), COUPLING), [coupling.pieces for coupling in track.couplings]
+    pieces = zeros(sum(map(len, tables)), COUPLING_PIECE)
+    for name, column in zip(pieces.dtype.names or (), np.concatenate(tables).T, strict=True):
+        pieces[name] = column
+    last = np.cumsum([len(table) for table in tables])
+    each["first"][1:], each["last"], each["piece"] = last[:-1], last - 1, last - 1
+    each["next"] = np.inf
+    each["contact"] = [coupling.contact for coupling in track.couplings]
+    each["spring"] = [coupling.spring for coupling in track.couplings]
+    each["a"], each["b"] = body.ends[each["spring"]].T
+    steep = np.zeros((body.contacts, body.springs))
+    np.add.at(steep, (each["contact"], each["spring"]), [np.abs(table[:, 4::2]).max() for table in tables])
+    steep[body.ends, np.arange(body.springs)[:, None]] -= (1.0 - CRITICAL) * body.stiffness[:, None]
+    return each, pieces, np.zeros(body.contacts, np.int64), np.array([steep.max() <= 0.0])
 
 
 def build_sliders(body: Body, elongation: np.ndarray) -> np.ndarray | None:
@@ -239,6 +292,7 @@ def build_feet(body: Body, track: Track, x: np.ndarray, place: np.ndarray, bound
         ahead, behind = track.walls.find_rooms(body.position, x) == 0.0
         feet["walled"] = FORWARD * ahead + BACKWARD * behind
     feet["forward"], feet["backward"] = bounds[:n], bounds[n : 2 * n]
+    feet["more_forward"], feet["more_backward"] = add_friction(track.couplings, x)
     if bounds.size > 2 * n:
         feet["load"] = bounds[2 * n :]
     return feet

@@ -16,12 +16,13 @@ from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
 from .ground.bounds import follow_ground
+from .ground.couplings import couplings_of, follow_couplings, is_coupled
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .ground.tipping import tip
 from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
-from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, INTERPRETED, KNOT, SPENT, UNSOLVED, WALL
+from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, INTERPRETED, KINK, KNOT, SPENT, UNSOLVED, WALL
 from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
@@ -102,6 +103,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
     A contact that was at its bound stays there if it slides, or if the rate of its force is the rate of the bound.
     """
     block, s = model.block, ramp.s
+    follow_couplings(contacts, couplings_of(model.ground), s)
     for j in range(count):
         e = block[j]
         if e.run >= 0:
@@ -180,7 +182,8 @@ def solve_listed(contacts, springs, model, ramp, count):
     before = ramp.search.block
     for j in range(count):
         i = model.block[j].hit
-        solves = ramp.stepping or (contacts[i].at != 0 and contacts[i].mark <= before)
+        acts = contacts[i].at != 0 or is_coupled(couplings_of(model.ground))
+        solves = ramp.stepping or (acts and contacts[i].mark <= before)
         if solves and not _solve_around(contacts, springs, model, ramp, i):
             return False
     return True
@@ -233,6 +236,8 @@ def _meet(contacts, springs, model, ramp):
             catch(c, model.ground, ramp, i)
         elif c.coming == KNOT:
             count = pass_knots(contacts, springs, model, model.curves, ramp, i, count)
+        elif c.coming == KINK:
+            pass  # the body is solved anew
         else:
             note_arrival(model.pieces, ramp, c, i)
             c.at |= c.coming

@@ -13,10 +13,11 @@ from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
 from .ground.borders import ROUNDING
+from .ground.couplings import couplings_of, rest_couplings
 from .ground.gradual import is_gradual
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .ground.walls import blocked_sides, has_walls
-from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Model, Terrain
+from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Couplings, Model, Terrain
 from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
 from .springs.records import Curves
@@ -83,6 +84,7 @@ def _begin(contacts, springs, model, ramp, target):
 def _finish_contacts(contacts, model, ramp, target, springs):
     """Advance contacts to the end of what was followed of the ramp, and set bounds and loads to their values there."""
     n, bounds = contacts.shape[0], target[springs:]
+    rest_couplings(couplings_of(model.ground), ramp.s)
     for i in range(n):
         c = contacts[i]
         leave_bounds(c, ramp)
@@ -304,7 +306,16 @@ def _build_terrain(ground):
     """Name the parts of the ground; None without patches."""
     if ground is None:
         return None
-    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6], ground[7])
+    couplings = _build_couplings(ground[8], ground[0])
+    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6], ground[7], couplings)
+
+
+@lean
+def _build_couplings(couplings, feet):
+    """Name the parts of the couplings; None without any."""
+    if couplings is None:
+        return None
+    return Couplings(couplings[0], couplings[1], couplings[2], couplings[3], feet)
 
 
 @lean

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL, NOISE
+from .dense import decompose, substitute
+from .ground.couplings import add_growth, couplings_of
 from .ground.gradual import force_of, stiffness_of
 from .path import limit_of
 
@@ -128,10 +130,27 @@ def _find_flows(contacts, springs, model, ramp, count):
 
 
 @lean
-def _correct(contacts, springs, model, matrix, count):
+def _prepare(contacts, springs, model, couplings, ramp, count):
+    """Prepare the matrix of a block to find velocities; returns False if it is singular."""
+    if couplings is None or ramp.stepping:
+        eliminate(contacts, springs, model, model.matrix, count)
+        return True
+    return decompose(contacts, springs, model, couplings, model.matrix, count)
+
+
+@lean
+def _find_velocities(block, matrix, couplings, ramp, count):
+    """Find the velocities that the pulls lead to; returns the largest one."""
+    if couplings is None or ramp.stepping:
+        return _substitute(block, matrix, count)
+    return substitute(block, couplings, matrix, count)
+
+
+@lean
+def _correct(contacts, springs, model, matrix, ramp, count):
     """Add the velocities and the rates that residual forces lead to."""
     block, ends = model.block, model.ends
-    _substitute(block, matrix, count)
+    _find_velocities(block, matrix, couplings_of(model.ground), ramp, count)
     for r in range(count):
         e = block[r]
         c = contacts[e.contact]
@@ -150,15 +169,21 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
 
     Args:
         model: a `Model`, whose block and ends are changed in place; at least one contact at a spring of it is at rest.
+
+    Returns:
+        False if friction that changes with elongations leaves no velocities, or several.
     """
     if matrix is None:
-        return
+        return True
     block, ends = model.block, model.ends
-    eliminate(contacts, springs, model, matrix, count)
-    most = _substitute(block, matrix, count)
+    if not _prepare(contacts, springs, model, couplings_of(model.ground), ramp, count):
+        return False
+    most = _find_velocities(block, matrix, couplings_of(model.ground), ramp, count)
     if not ramp.stepping:
+        add_growth(contacts, couplings_of(model.ground), block, count)
         _find_flows(contacts, springs, model, ramp, count)
-        _correct(contacts, springs, model, matrix, count)
+        _correct(contacts, springs, model, matrix, ramp, count)
+        add_growth(contacts, couplings_of(model.ground), block, count)
     for r in range(count):
         e = block[r]
         if e.side != 0:
@@ -176,3 +201,4 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
                 pull = springs[ends[k].spring].stiffness * _velocity_of(block, o, c)
                 e.force += pull if ramp.stepping else ends[k].flow
                 e.scale += abs(pull)
+    return True

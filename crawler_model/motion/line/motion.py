@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...body.body import Body
+from ...body.couplings import add_friction
 from ...body.ground import Track
 from ...body.play import Play
 from ...compiled import compiled
@@ -31,12 +32,14 @@ class Scratch(NamedTuple):
         memory: the fields of a `Model`.
         budget: its field, shape (1,); to look a field up takes as long as a short ramp.
         exact: likewise.
+        couplings: the fields of `Couplings`; None without any.
     """
 
     ramps: np.ndarray
     memory: tuple[Any, ...]
     budget: np.ndarray
     exact: np.ndarray
+    couplings: tuple[np.ndarray, ...] | None = None
 
 
 @dataclass(eq=False)
@@ -214,7 +217,7 @@ class LineMotion:
         if self.track is not None:
             place = self.track.find_places(self.body.position, x)
             feet = build.build_feet(self.body, self.track, x, place, bounds)
-            bounds = np.concatenate(self.track.bounds(bounds, place, self.body.position + x))
+            bounds = np.concatenate(self.track.local_bounds(bounds, self.body.position, x))
         contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
         if feet is not None:
             contacts["at"] &= ~feet["walled"]
@@ -228,8 +231,10 @@ class LineMotion:
         ramps["search"]["leaf_size"], ramps["search"]["shortest"] = build.LEAF_SIZE, build.SHORTEST_BLOCK
         ramps["search"]["projects_after"], ramps["search"]["patience"] = build.PROJECTS_AFTER, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
-        memory = build.build_memory(self.body, self.track is not None and self.track.profile is not None)
-        return Scratch(ramps, memory, ramps["budget"], ramps["exact"])
+        couplings = build.build_couplings(self.body, self.track)
+        gradual = self.track is not None and self.track.profile is not None
+        memory = build.build_memory(self.body, gradual, couplings is not None)
+        return Scratch(ramps, memory, ramps["budget"], ramps["exact"], couplings)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
         """Find the fields of a `Model` for a state: the memory's fields, and the sliders of the state.
@@ -304,7 +309,8 @@ class LineMotion:
                 room = room or self.body.contacts + 16
                 jumps = zeros(room, JUMP)
                 walls = None if track.walls is None else track.walls.place
-                ground = state.feet, jumps, track.borders, track.grip, track.pressed, track.rise, walls, track.profile
+                places = track.borders, track.grip, track.pressed, track.rise
+                ground = state.feet, jumps, *places, walls, track.profile, scratch.couplings
                 memory = (*parts[:5], ground, None, parts[7])
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
@@ -363,6 +369,9 @@ class LineMotion:
         commanded = np.concatenate([state.feet[name] for name in ("forward", "backward", "load")])
         at = self.body.position + state.displacement
         forward, backward, load = self.track.bounds(commanded, state.feet["place"], at)
+        if self.track.couplings:
+            more = add_friction(self.track.couplings, state.displacement)
+            forward, backward = forward + more[0], backward + more[1]
         total, bound = float(load.sum()), float((forward if direction > 0 else backward).sum())
         return (
             f"{self.track.key}: on the ground that the contacts reach, the loads sum to {direction * total:g} N "

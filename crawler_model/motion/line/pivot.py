@@ -12,6 +12,7 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
+from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
 from .ground.gradual import holds
 from .ground.unstable import is_stable, search_sides
 from .mesh import solve_mesh
@@ -124,6 +125,17 @@ def _exchange(block, count, last_only):
 
 
 @lean
+def _refer(contacts, springs, model, couplings, ramp, count):
+    """Find the limits of a block all of whose contacts slide: elongations do not depend on its translation."""
+    if couplings is None or ramp.stepping:
+        return
+    side = model.block[0].side
+    model.block[0].side = 0
+    solve_mesh(contacts, springs, model, model.matrix, ramp, count)
+    model.block[0].side = side
+
+
+@lean
 def _is_loose(ramp, block, curves, count):
     """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
     if curves is None or ramp.search.anchored:
@@ -168,6 +180,7 @@ def find_sides(contacts, springs, model, ramp, count):
     patience = ramp.search.patience if hurries else ramp.search.patience + count
     visits = 0 if ramp.stepping else ramp.search.projects_after * ramp.search.path
     projects = ramp.search.path > 0
+    keep_limits(couplings_of(model.ground), block, count)
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
         found = search_sides(contacts, springs, model, model.ground, ramp, count)
@@ -187,6 +200,7 @@ def find_sides(contacts, springs, model, ramp, count):
         brake, balances, side = -1, False, 0
         resting, last = _count_resting(ramp, block, count)
         if resting == 0 and not holds(block, model.ground, count):
+            _refer(contacts, springs, model, couplings_of(model.ground), ramp, count)
             brake, balances = _find_brake(ramp, block, count, last_only)
             if brake < 0:
                 return False
@@ -195,8 +209,8 @@ def find_sides(contacts, springs, model, ramp, count):
         # velocities of those that slide, forces on those that rest
         if ramp.search.path > 0:
             solve_path(block, count)
-        else:
-            solve_mesh(contacts, springs, model, model.matrix, ramp, count)
+        elif not solve_mesh(contacts, springs, model, model.matrix, ramp, count):
+            break
         if wake_turning(contacts, springs, block, model.runs, ramp, count):
             return False
         if resting == 1:
@@ -207,6 +221,7 @@ def find_sides(contacts, springs, model, ramp, count):
             block[brake].force = limit_of(block[brake])
         # all that violate their condition change sides, or only the last one while their number does not fall
         found = _exchange(block, count, last_only)
+        found += exchange_pieces(couplings_of(model.ground), True)
         if found == 0:
             ramp.search.undetermined |= balances
             return True
@@ -219,4 +234,6 @@ def find_sides(contacts, springs, model, ramp, count):
             return False
         else:
             last_only = True
-    return False
+    if ramp.stepping or not is_coupled(couplings_of(model.ground)):
+        return False
+    return search_sides(contacts, springs, model, model.ground, ramp, count) > 0

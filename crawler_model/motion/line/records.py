@@ -16,9 +16,10 @@ _FLOAT, _BYTE, _INT, _LONG = np.float64, np.int8, np.int32, np.int64  # long are
 FORWARD, BACKWARD = 1, 2
 """Bits of a contact's status: the spring force is at the forward bound, or at the backward bound; both if the interval
 between them is a point."""
-AHEAD, BEHIND, KNOT, WALL, CATCH = 4, 8, 16, 32, 64
+AHEAD, BEHIND, KNOT, WALL, CATCH, KINK = 4, 8, 16, 32, 64, 96
 """What a contact comes to at its next event, besides a bound: the border ahead or the border behind, a spring that
-begins at it a knot, a wall, or the bound of the ground that ends its jump."""
+begins at it a knot, a wall, the bound of the ground that ends its jump, or a kink of the friction that an elongation
+adds to it."""
 
 CONTACT_STATE = [
     ("x", _FLOAT),  # displacement, where it was last advanced [m]
@@ -101,13 +102,54 @@ FOOT = np.dtype(
         ("d_load", _FLOAT),
         ("jump", _INT),  # number of its present jump, counted from 1; 0 if it does not jump
         ("walled", _BYTE),  # sides on which it stands at a wall, FORWARD and BACKWARD as bits
+        # where friction changes with elongations, see `ground.couplings`
+        ("more_forward", _FLOAT),  # what these add to the bounds, at s = 0 [N]
+        ("more_backward", _FLOAT),
+        ("d_more_forward", _FLOAT),  # its change along the ramp, or along the present fall [N]
+        ("d_more_backward", _FLOAT),
+        ("upper", _FLOAT),  # limits of the rate of the force in the present block without it, as of a BLOCK [N]
+        ("lower", _FLOAT),
+        ("grows_forward", _FLOAT),  # what the velocities in the present block add to the rates of the bounds [N]
+        ("grows_backward", _FLOAT),
     ],
     align=True,
 )
-"""What is known of a contact besides CONTACT where there are patches of ground or walls."""
+"""What is known of a contact besides CONTACT where there are patches of ground, walls or couplings."""
 
 FOOT_STATE = ("place", "forward", "backward", "load", "walled")
 """Fields of a foot that last from ramp to ramp."""
+
+COUPLING = np.dtype(
+    [
+        ("contact", _INT),
+        ("spring", _INT),
+        ("a", _INT),  # the two contacts that the spring joins
+        ("b", _INT),
+        ("first", _INT),  # its pieces are first .. last
+        ("last", _INT),
+        ("piece", _INT),  # the present one
+        ("kinked", _BYTE),  # whether the spring is at the kink between the pieces `low` and `low` + 1
+        ("low", _INT),
+        ("z", _FLOAT),  # elongation of the spring where the present block is solved [m]
+        ("rate", _FLOAT),  # its rate [m]
+        ("next", _FLOAT),  # place on the ramp at which it comes to a kink; infinite if it comes to none
+    ],
+    align=True,
+)
+"""Friction that the elongation of a spring adds to the bounds of a contact."""
+
+COUPLING_PIECE = np.dtype(
+    [
+        ("begin", _FLOAT),  # elongations from where to where it reaches [m]
+        ("end", _FLOAT),
+        ("at", _FLOAT),  # an elongation on it [m]
+        ("forward", _FLOAT),  # friction there [N] and its slope [N/m]
+        ("d_forward", _FLOAT),
+        ("backward", _FLOAT),
+        ("d_backward", _FLOAT),
+    ],
+    align=True,
+)
 
 JUMP = np.dtype(
     [
@@ -331,6 +373,21 @@ DONE, SPENT, UNSOLVED = 0, 1, 2
 """Outcomes of a ramp: its end was reached; the budget was spent; no rates were found."""
 
 
+class Couplings(NamedTuple):
+    """Friction that changes with elongations."""
+
+    each: np.ndarray
+    """COUPLING, sorted by contact and spring, shape (C,)."""
+    pieces: np.ndarray
+    """COUPLING_PIECE, shape (P,)."""
+    rows: np.ndarray
+    """Order of the rows of the matrix after its decomposition, memory, shape (N,)."""
+    gentle: np.ndarray
+    """Whether springs add friction to the contacts at their own ends only, by slopes below their stiffness, (1,)."""
+    feet: np.ndarray
+    """FOOT, shape (N,)."""
+
+
 class Terrain(NamedTuple):
     """Patches of ground under a body and walls, the stretches of ground as in `body.ground.Track`."""
 
@@ -347,6 +404,8 @@ class Terrain(NamedTuple):
     walls, where nothing of them is compiled."""
     profile: Any
     """As in `body.ground.Track`; None if the ground changes at borders alone, likewise."""
+    couplings: Any
+    """The `Couplings`; None if no friction changes with elongations, likewise."""
 
 
 class Model(NamedTuple):
@@ -359,7 +418,7 @@ class Model(NamedTuple):
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
     blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need. On
-    gradual ground no block is followed as a path, and chains have a matrix, too."""
+    gradual ground no block is followed as a path, and chains have a matrix, too. With couplings it has shape (N, N)."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

@@ -7,6 +7,7 @@ import numpy as np
 from ...compiled import inlined
 from ...rounding import EPS, LATE
 from .ground.borders import find_meeting
+from .ground.couplings import couplings_of, find_kink
 from .ground.gradual import find_catch
 from .ground.walls import blocked_sides, find_wall
 from .records import BACKWARD, FORWARD, KNOT
@@ -68,4 +69,5 @@ def schedule_next(contacts, springs, model, ramp, i):
         else:
             c.coming = border
     when = _find_knots(contacts, c, springs, model.ends, model.curves, ramp, when)
+    when = find_kink(contacts, c, couplings_of(model.ground), ramp, i, when)
     schedule(contacts, i, when if when <= 1.0 else np.inf)

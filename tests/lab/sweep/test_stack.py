@@ -17,7 +17,7 @@ from tests.scenes import NOT_TURNING
 
 ON_PATCHES = ("friction_step", "hill_top", "ice")
 BENT = ("peristaltic_stops", "rubber_worm", "silicone_chain", "stalling_inchworm", "tendon_worm")
-ALONE = (*ON_PATCHES, *BENT, "leaving_ice", "wall_pusher")
+ALONE = (*ON_PATCHES, *BENT, "leaving_ice", "wall_pusher", "worm_in_a_tube")
 LINES = [name for name in NOT_TURNING if not name.startswith("planar") and name not in ALONE]
 KEYS = (
     "body.links.stiffness",

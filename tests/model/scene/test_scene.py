@@ -421,6 +421,17 @@ BOUNDED = {
         )
         for side in ("left", "right")
     },
+    **{
+        ("CouplingPart", side): (
+            put(
+                {**GOOD, "name": "x"},
+                "friction/with_elongation",
+                [{"link": 0, "contacts": [0], "elongation": [0.0], side: [1.0]}],
+            ),
+            f"friction/with_elongation/0/{side}/0",
+        )
+        for side in ("added", "forward", "backward")
+    },
     ("JointsPart", "stiffness"): (TURNING, "body/joints/stiffness"),
     ("Scene", "tolerance"): ({**PLANE, "friction": {"isotropic": 1}}, "tolerance"),
 }

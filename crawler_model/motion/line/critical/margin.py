@@ -7,6 +7,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..block import size_of_terms
+from ..ground.couplings import couplings_of, is_coupled
 from ..ground.walls import blocked_sides
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
@@ -188,7 +189,7 @@ def is_critical(contacts, springs, model, curves, ramp):
         Whether they do.
     """
     whole = 2.0 * ramp.friction + ramp.d_friction
-    if whole == 0.0:
+    if whole == 0.0 and not is_coupled(couplings_of(model.ground)):
         return True
     for part in (_LATER, 0.5 * _LATER):  # contacts that leave their bounds are then away from them
         s, limit = _find_limit(ramp, part)

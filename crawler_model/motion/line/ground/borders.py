@@ -18,6 +18,7 @@ from ....rounding import CRITICAL, EPS
 from ..advance import place_of
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD, WALL
 from .bounds import follow_ground, hold, set_bound, set_load
+from .couplings import more_on
 from .gradual import is_gradual
 from .walls import is_at_wall, leave_wall, put_at_wall, rest_at_wall
 
@@ -118,6 +119,7 @@ def _hold_before(c, foot, ground, coming, s, force):
 def _exceeds(c, foot, ground, coming, ramp):
     """Determine whether the force on a contact is more than the ground beyond a border holds."""
     beyond = _hold_beyond(foot, ground, coming, ramp.fall.rests if ramp.fall.falling else ramp.s)
+    beyond += more_on(foot, FORWARD if coming == AHEAD else BACKWARD, place_of(c, ramp))
     force = c.force if coming == AHEAD else -c.force
     return force - beyond > CRITICAL * (abs(beyond) + abs(force) + abs(c.load))
 
@@ -143,7 +145,9 @@ def compare(c, foot, ground, coming, ramp):
     s, commanded = place_of(c, ramp), ramp.fall.rests if ramp.fall.falling else ramp.s
     beyond = _hold_beyond(foot, ground, coming, commanded)
     force = c.forward + s * c.d_forward if coming == AHEAD else c.backward + s * c.d_backward
-    force = _hold_before(c, foot, ground, coming, commanded, force)
+    more = more_on(foot, FORWARD if coming == AHEAD else BACKWARD, s)
+    beyond += more
+    force = _hold_before(c, foot, ground, coming, commanded, force - more) + more
     if abs(beyond - force) <= CRITICAL * (abs(beyond) + abs(force) + abs(c.load)):
         return 0
     return -1 if beyond < force else 1

@@ -7,6 +7,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ..advance import place_of
 from ..records import BACKWARD, FORWARD
+from .couplings import more_on
 from .gradual import change_at, slopes_of
 
 
@@ -52,6 +53,8 @@ def set_bound(c, foot, ground, side, ramp):
     stretch, p = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2, _place_of(c, foot)
     begin = hold(foot, ground, stretch, side, ramp.fall.rests if ramp.fall.falling else 0.0, p)
     change = 0.0 if ramp.fall.falling else hold(foot, ground, stretch, side, 1.0, p) - begin
+    begin += more_on(foot, side, 0.0)
+    change += foot.d_more_forward if side == FORWARD else foot.d_more_backward
     if side == FORWARD:
         c.forward, c.d_forward = begin, change
     else:
@@ -120,6 +123,8 @@ def _follow_ground(c, foot, ground, profile, ramp):
     d_backward = moves * (hold(foot, ground, behind, BACKWARD, 1.0, p) - hold(foot, ground, behind, BACKWARD, 0.0, p))
     d_forward += up * c.v
     d_backward -= down * c.v
+    forward, d_forward = forward + more_on(foot, FORWARD, s), d_forward + foot.d_more_forward
+    backward, d_backward = backward + more_on(foot, BACKWARD, s), d_backward + foot.d_more_backward
     if c.fallen & FORWARD:
         c.spare, c.d_under = c.forward - (forward - s * d_forward), d_forward
     else:

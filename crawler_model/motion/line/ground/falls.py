@@ -30,6 +30,7 @@ from .borders import (
     rest_on_border,
 )
 from .bounds import hold, set_bound, set_bounds
+from .couplings import more_on, rest_couplings
 from .gradual import is_gradual
 from .walls import is_at_wall
 
@@ -223,7 +224,8 @@ def _rewind(contacts, springs, model, ramp):
 def _fall_to(c, foot, ground, side, ramp):
     """Find how far a bound of a contact falls from that in force: to that of the ground at its place.
 
-    On gradual ground it falls to the least on its way, until it meets that of the ground where it then is.
+    On gradual ground it falls to the least on its way, to which springs add nothing, until it meets that of the ground
+    where it then is.
 
     Args:
         side: FORWARD or BACKWARD.
@@ -232,7 +234,7 @@ def _fall_to(c, foot, ground, side, ramp):
     set_bound(c, foot, ground, side, ramp)
     least = c.forward if side == FORWARD else c.backward
     if is_gradual(ground):
-        least = _least_beyond(foot, ground, side, ramp.fall.rests, least)
+        least = _least_beyond(foot, ground, side, ramp.fall.rests, least - more_on(foot, side, ramp.s))
     if side == FORWARD:
         c.forward, c.d_forward = least, min(least - bound, 0.0)
     else:
@@ -268,6 +270,7 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     if ramp.fall.due > 0:
         count = _let_all_fall(contacts, model, ground, ramp, count)
     ramp.fall.due = 0
+    rest_couplings(ground.couplings, ramp.s)
     if ramp.fall.falling:
         _rewind(contacts, springs, model, ramp)
         ramp.s = _BEGIN
@@ -322,6 +325,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return count
+    rest_couplings(ground.couplings, ramp.s)
     s, ramp.s, ramp.end, ramp.fall.falling = ramp.s, ramp.fall.rests, 1.0, 0
     for j in range(ramp.fall.drawn):
         i = model.block[j].drawn

@@ -46,6 +46,8 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
             if not _push(contacts, springs, model, count, row, side):
                 continue
             if find_sides(contacts, springs, model, ramp, count):
+                foot = ground.feet[e.contact]
+                slope += foot.grows_forward if side == FORWARD else foot.grows_backward  # it moves at a velocity of 1
                 excess = e.force - slope * e.v
                 size = abs(slope) + 1.0 / e.kept
                 if (excess if side == FORWARD else -excess) > -NEUTRAL * size:

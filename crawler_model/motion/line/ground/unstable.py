@@ -13,6 +13,7 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..mesh import eliminate, solve_mesh
+from .couplings import choose_pieces, exchange_pieces, is_coupled, is_dominant
 from .gradual import stiffness_of
 
 _ROUNDING = 32.0 * EPS
@@ -29,6 +30,8 @@ def is_stable(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return True
+    if is_coupled(ground.couplings) and not ramp.stepping:
+        return is_dominant(ground.couplings, model.block, count)
     return _is_stable(contacts, springs, model, ground.profile, ramp, count)
 
 
@@ -61,11 +64,14 @@ def _is_stable(contacts, springs, model, profile, ramp, count):
 
 
 @inlined
-def _fits(e):
-    """Determine whether a contact fulfils its condition."""
+def _fits(c, e, ends):
+    """Determine whether a contact fulfils its condition; that of one at rest, within the rounding of its springs."""
     if e.side != 0:
         return e.v * e.side > 0.0
-    close = _ROUNDING * (e.scale + e.blur)
+    close = e.scale + e.blur
+    for k in range(c.first, c.last):
+        close += abs(ends[k].flow)
+    close *= _ROUNDING
     return e.lower - close <= e.force <= e.upper + close
 
 
@@ -90,7 +96,9 @@ def search_sides(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return -1
-    block, trials, found = model.block, 1.0, 0
+    block, found, choice, chosen = model.block, 0, 0, 0
+    choices = choose_pieces(ground.couplings, 0)
+    trials = float(choices)
     for j in range(count):
         e = block[j]
         trials *= 1.0 + (e.upper < np.inf) + (e.lower > -np.inf)
@@ -99,26 +107,28 @@ def search_sides(contacts, springs, model, ground, ramp, count):
         return -1
     for j in range(count):
         block[j].side = 0
-    done = False
-    while not done:
+    while choice < choices:
         ramp.effort += count
-        solve_mesh(contacts, springs, model, model.matrix, ramp, count)
-        fits = True
+        fits = solve_mesh(contacts, springs, model, model.matrix, ramp, count)
+        fits &= exchange_pieces(ground.couplings, False) == 0
         for j in range(count):
-            fits &= _fits(block[j])
+            fits &= _fits(contacts[block[j].contact], block[j], model.ends)
         if fits:
             found += 1
             for j in range(count):
                 if found == 1:
-                    block[j].tried = block[j].side
+                    block[j].tried, chosen = block[j].side, choice
         row = count - 1
         while row >= 0 and _next_side(block[row]):
             row -= 1
-        done = row < 0
+        if row < 0:
+            choice += 1
+            choose_pieces(ground.couplings, choice)
     if found > 1:
         ramp.account.ambiguous = 1.0
     if found > 0:
         for j in range(count):
             block[j].side = block[j].tried
+        choose_pieces(ground.couplings, chosen)
         solve_mesh(contacts, springs, model, model.matrix, ramp, count)
     return found
