@@ -133,8 +133,9 @@ def sensitivities(
     they moved. Where a derivative is one-sided, `one_sided` and `kinks` report it, and the derivative follows the path
     with the events in the order in which they are met. In the plane, where paths are curved, the path is followed to
     1e-8, and differentiated by the matrices of its implicit steps; `tolerance` is the difference to the derivatives of
-    a path that is followed to 1e-7. Bodies with hysteresis or backlash, and ground with patches, a profile or walls,
-    have central differences of runs; `tolerance` is by how much the differences to both sides differ.
+    a path that is followed to 1e-7. Bodies with hysteresis or backlash, friction that changes with elongations, and
+    ground with patches, a profile or walls have central differences of runs; `tolerance` is by how much the differences
+    to both sides differ.
 
     A waypoint's derivatives are taken at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
@@ -151,7 +152,7 @@ def sensitivities(
 
     Raises:
         SceneError: if a key is unknown or names no number of the scene, if it has no drive, or segments beside
-            hysteresis, backlash, or ground with patches, a profile or walls.
+            hysteresis, backlash, friction that changes with elongations, or ground with patches, a profile or walls.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")

@@ -140,6 +140,8 @@ def _constants(run: RunArrays) -> list[str]:
     ground = run.scene.parts.ground if isinstance(run.scene, Scene) else None
     if ground is not None and ground.slope != 0.0:
         clauses.append(f"slope {ground.slope:g}\u00b0")
+    if isinstance(run.scene, Scene) and run.scene.parts.couplings:
+        clauses.append("more friction with elongations")
     found = ["; ".join(clauses)] if clauses else []
     if run.planar:
         angle = np.degrees(shape_orientation(run.place, run.positions - run.place))

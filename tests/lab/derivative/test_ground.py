@@ -52,6 +52,17 @@ def test_on_ground_that_holds_more_and_more_they_are_those_of_the_closed_form():
     assert found.differentiable
 
 
+def test_of_a_foot_that_presses_more_as_its_link_shortens_they_are_those_of_the_closed_form():
+    """The rear slides (k D - mu)/(k + a) forward, a = added / 1 m."""
+    entry = {"link": 0, "contacts": [0], "elongation": [-1.0, 0.0], "forward": [5.0, 0.0]}
+    friction = {"forward": [MU, 50.0], "backward": 50.0, "with_elongation": [entry]}
+    keys = ["friction.with_elongation[0].forward[0]", "friction.forward[0]", "body.links.stiffness"]
+    scene = two({}, (0.0, -STROKE), None, friction=friction)
+    found = sensitivities(scene, keys, 1.0, rate=1.0)
+    way, total = (K * STROKE - MU) / (K + 5.0), K + 5.0
+    assert found.displacement[-1, 0] == pytest.approx([-way / total, -1.0 / total, (STROKE - way) / total], rel=1e-8)
+
+
 def test_the_front_stands_at_a_wall_and_moves_with_it():
     """A rear that the wall pushes back slides to w - L - D + B/k; one that the spring draws on stops at w - L - mu/k."""
     held, near = 0.5, 1e-8
