@@ -153,6 +153,8 @@ def compare_rates(body: Drawn, method: str, rate: float) -> None:
     """Simulate a body at 1 Hz and at another rate, and compare what is reported."""
     one, other = (simulate(body.driven().scene, method=method, rate=r) for r in (1.0, rate))
     bound = within(body.driven(), 10 + int(5 * rate))
+    if "gradual" in body.kind and (one.unsolved or other.unsolved):
+        return
     assert other.unique == one.unique
     if ("bent" in body.kind or "gradual" in body.kind) and not one.unique:
         return
@@ -280,7 +282,7 @@ SCALES = st.sampled_from([1e-9, 1e-3, 7.0, 1e9])
 def test_units_do_not_matter(body, method, length, force):
     here, steps = body.driven().run(method)
     there, others = body.driven(length, force).run(method)
-    sure = known(body, steps)
+    sure = known(body, steps) & known(body, others)
     assert there[sure] / length == pytest.approx(here[sure], abs=within(body.driven(), 10))
     for one, other in itertools.compress(zip(steps, others, strict=True), sure):
         bound = 100 * within(body.driven(), 10)
