@@ -157,7 +157,7 @@ def stack_scenes(scenes: Sequence[Assembly]) -> Stack:
 
 
 def can_be_stacked(scene: Assembly) -> bool:
-    """Determine whether a scene can be run with others: on a line, without patches of ground or bent springs.
+    """Determine whether a scene can be run with others: on a line, on even ground, with linear springs.
 
     Args:
         scene: the scene.
@@ -204,7 +204,7 @@ def shares_mesh(scene: Scene, paths: Sequence[KeyPath]) -> bool:
     parts = scene.parts
     if parts.dimension == 2 or (parts.ground is not None and parts.ground.varies):
         return False
-    if parts.body.is_bent or parts.body.shares_contacts:
+    if parts.body.is_bent or parts.body.shares_contacts or parts.couplings:
         return False
     return all(keeps_mesh(path) and _is_plain(path) for path in paths)
 

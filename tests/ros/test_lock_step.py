@@ -87,10 +87,23 @@ def write_loose(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("remembers", [False, True])
-def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(remembers, tmp_path):
-    """Also of a body that remembers: its start and the commands are all that it takes."""
-    scene = write_loose(tmp_path / "loose.json") if remembers else SCENE
+def write_swelling(path: Path) -> Path:
+    """Write a scene whose links add friction to their contacts as they shorten."""
+    document = load_scene(SCENE).document()
+    added = {"elongation": [-0.2, 0.0, 0.1], "added": [0.1, 0.0, 0.05]}
+    links = [{"link": j, "contacts": [j, j + 1]} | added for j in (0, 1)]
+    friction = document["friction"] | {"with_elongation": links}
+    path.write_text(json.dumps(document | {"friction": friction}), encoding="utf-8")
+    return path
+
+
+SPECIAL = {"plain": lambda path: SCENE, "remembers": write_loose, "swells": write_swelling}
+
+
+@pytest.mark.parametrize("body", SPECIAL)
+def test_a_closed_loop_gives_the_same_bits_on_every_run_and_offline(body, tmp_path):
+    """Also of a body that remembers or swells: its start and the commands are all that it takes."""
+    scene = SPECIAL[body](tmp_path / "special.json")
     runs = []
     for i in range(2):
         folder = tmp_path / str(i)

@@ -105,6 +105,14 @@ def test_bodies_with_hysteresis_and_backlash_are_bodies_on_a_line(method: str) -
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_bodies_whose_friction_changes_with_elongations_are_bodies_on_a_line(method: str) -> None:
+    scene = weighty("three_contacts_two_ways").document()
+    entries = [{"link": j, "contacts": [j, j + 1], "elongation": [-0.2, 0.1], "added": [0.1, 0.0]} for j in (0, 1)]
+    friction = scene["friction"] | {"with_elongation": entries}
+    METHODS[method][1](Scene.model_validate(scene | {"friction": friction}))
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_the_page_of_a_method_states_its_scenes(method: str) -> None:
     page, run = METHODS[method]
     for kind, scene in KINDS.items():

@@ -362,6 +362,17 @@ def test_a_variation_is_its_document(name, key):
     same(simulate_many(pickle.loads(pickle.dumps(variations)), 1.0, 4.0), simulate_many([other], 1.0, 4.0))
 
 
+def test_a_row_of_friction_with_elongation_is_what_simulate_finds():
+    document = load_scene("three_contacts_two_ways").document()
+    entry = {"link": 0, "contacts": [0, 1], "elongation": [-0.2, 0.1], "added": [0.1, 0.0]}
+    base = Scene.model_validate(document | {"friction": document["friction"] | {"with_elongation": [entry]}})
+    values = {"friction.with_elongation[0].added[0]": [0.0, 0.1, 0.5], "friction.isotropic": [0.2, 0.3]}
+    found, each = simulate_many(vary(base, values)), vary(base, values)
+    gains = [simulate(each[i], rate=1.0).per_period[-1] for i in range(len(each))]
+    assert found.per_period == pytest.approx(gains, abs=1e-13)
+    assert len(set(found.per_period.round(6))) == 6
+
+
 def test_friction_both_ways_is_varied_on_one_side():
     base = scene(2, drive={"times": [0, 0.5], "period": 1, "actuation": [0, 3]})
     base = Scene.model_validate(base.document() | {"friction": {"isotropic": 1.0}})
