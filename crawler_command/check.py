@@ -11,6 +11,7 @@ from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, Trajectory
 from crawler_model.body.body import Body
+from crawler_model.body.names import name_every_spring
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
 from crawler_model.run.simulate import default_duration
@@ -251,6 +252,15 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             f"{int(k.argmin())}"
             + ("" if scene.body.is_chain else "; its tension has few correct digits, while a chain would lose none")
         )
+    for coupling in scene.ground.track.couplings if scene.ground.track is not None else ():
+        slope = float(np.abs(np.diff(coupling.added) / np.diff(coupling.at)).max(initial=0.0))
+        if slope > k[coupling.spring]:
+            screen.print(
+                f"steep: {name_every_spring(scene.body)[coupling.spring]} changes the friction of "
+                f"{scene.body.name_of(coupling.contact)} by {slope:g} N/m, more than its stiffness of "
+                f"{k[coupling.spring]:g} N/m: the contact may lock itself as the friction grows, and jump as it falls"
+            )
+            break
 
 
 def _print_units(scene: Plan, screen: Console) -> None:

@@ -117,8 +117,8 @@ def _check_profile(parts: SceneParts) -> None:
     assert parts.ground.profile is not None
     if parts.body.is_bent:
         raise SceneError(
-            "ground.profile: with links or segments that have `curve`, `tension`, `passive` or `hysteresis` it is not "
-            "supported; give `stiffness` alone"
+            "ground.profile: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
+            "`backlash` it is not supported; give `stiffness` alone"
         )
     frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
     if parts.ground.profile.slope is not None and any(f is not None and f.coefficient is not None for f in frictions):
@@ -142,8 +142,8 @@ def _check_couplings(parts: SceneParts) -> None:
         )
     if parts.body.is_bent:
         raise SceneError(
-            "friction.with_elongation: with links or segments that have `curve`, `tension`, `passive` or `hysteresis` "
-            "it is not supported; give `stiffness` alone"
+            "friction.with_elongation: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
+            "`backlash` it is not supported; give `stiffness` alone"
         )
     if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
         raise SceneError("friction.with_elongation: beside coefficients it is not supported; give `friction` as forces")

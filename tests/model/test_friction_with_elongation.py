@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from crawler_command.check import print_report
 from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
 
 from .bodies import CHAIN, GRAPH, HYBRID, SEGMENT, SWELLING, SWELLS, Drawn
@@ -329,3 +332,11 @@ def test_where_friction_is_steep_ticks_lead_where_ramps_lead():
         jumped += bool(whole.jumps)
     assert jumped > 5
     assert several < 10
+
+
+def test_a_check_tells_where_friction_is_steeper_than_its_link():
+    for steepness, told in ((0.5, False), (2.0, True)):
+        entry = {"contacts": [0], "elongation": [-1.0, 0.0], "forward": [steepness * K, 0.0]}
+        printed = io.StringIO()
+        print_report(simulate(two(entry, [0.0, -STROKE])), Console(file=printed, width=1000))
+        assert ("steep: link_0 changes the friction of contact 0 by 40 N/m, more than" in printed.getvalue()) == told
