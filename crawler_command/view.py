@@ -143,7 +143,7 @@ def read_frames(
     attached = examine(recording).attachments
     ran = loaded or recorded_scene(recording, attached)
     every = published_every(attached) or 1
-    jumps = jumps and ran is not None and (ran.ground.differs != "" or ran.body.turning is not None)
+    jumps = jumps and ran is not None and (ran.ground.lets_go or ran.body.turning is not None)
     if ran is None or (every == 1 and not jumps):
         return frames_of_recording(recording, loaded, robot)
     ticks = TickFrames(ran, every_ns)

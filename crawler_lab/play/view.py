@@ -149,7 +149,7 @@ class View:
         names = name_every_spring(self.scene.body)
         parts += [f"{names[k]} is {_YIELDS[int(yields[k])]}" for k in np.flatnonzero(yields)[:_MOST_NAMED]]
         for jump in jumps:
-            buckles = jump.border is None and not self.scene.ground.differs
+            buckles = jump.border is None and not self.scene.ground.lets_go
             why = "as the body buckles" if buckles else "onto ground that holds less"
             parts.append(f"contact {self._names[jump.contact]} jumps by {jump.distance:.3g} m {why}")
         if not unique:

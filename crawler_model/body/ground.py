@@ -92,6 +92,13 @@ class Track:
         return "ground.patches" if self.borders.size else "ground.walls"
 
     @property
+    def differs(self) -> str:
+        """The key that makes the ground differ from place to place; empty where friction only changes with lengths."""
+        if self.profile is not None and self.profile[1:].any():
+            return "ground.profile"
+        return "ground.patches" if self.borders.size else "ground.walls" if self.walls is not None else ""
+
+    @property
     def factor(self) -> np.ndarray:
         """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N).
 
@@ -241,7 +248,12 @@ class Ground:
         """The key of the scene file that makes the ground differ from place to place; empty if it is the same."""
         if self.regions is not None:
             return "ground.regions"
-        return "" if self.track is None else self.track.key
+        return "" if self.track is None else self.track.differs
+
+    @property
+    def lets_go(self) -> bool:
+        """Whether contacts may come to less friction, or have less as links change their length, and jump."""
+        return self.regions is not None or self.track is not None
 
     @property
     def masses(self) -> np.ndarray | None:

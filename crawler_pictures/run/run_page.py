@@ -238,7 +238,7 @@ def _translation(axis: Axes, run: RunArrays) -> None:
         marks: Any = {"color": JUMP, "marker": "D", "markersize": 4.5, "linestyle": "none"}
         axis.plot(times, np.zeros(len(times)), transform=axis.get_xaxis_transform(), clip_on=False, zorder=4, **marks)
         count = "1 jump" if len(times) == 1 else f"{len(times)} jumps"
-        why = "onto other ground" if run.scene is not None and run.scene.ground.differs else "where stability was lost"
+        why = "onto other ground" if run.scene is not None and run.scene.ground.lets_go else "where stability was lost"
         handles.append(Line2D([], [], label=f"{count} {why}", **marks))
     label_values(axis, "translation" if y.shape[1] == 1 else "x, y", "m", _size(run))
     write_title(axis, "net translation, from the reference shape")

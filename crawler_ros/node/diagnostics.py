@@ -111,7 +111,7 @@ def diagnose(node: Diagnosed) -> list[Status]:
 
 def _jumps(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write the jumps where the ground changes with place, and where bodies that turn lose their stability."""
-    if not node.scene.ground.differs and node.scene.body.turning is None:
+    if not node.scene.ground.lets_go and node.scene.body.turning is None:
         return []
     return [(Fact.JUMPS, str(node.ticks.counts.jumps)), (Fact.JUMP_LOSS, f"{node.ticks.counts.jump_loss:.3e}")]
 
@@ -194,7 +194,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
         level = WARN
         message = f"{late - before.late} late tick(s): this machine cannot maintain the rate; simulated time lags"
     if node.scene.body.turning is not None and counts.jumps > before.jumps:
-        where = "" if node.scene.ground.differs else " where stability was lost"
+        where = "" if node.scene.ground.lets_go else " where stability was lost"
         message = f"{counts.jumps - before.jumps} jump(s){where}; where they end is a choice"
         level = WARN
     if counts.ambiguous > before.ambiguous:

@@ -138,8 +138,8 @@ def _print_jumps(replay: Replay, screen: Console) -> None:
         return
     longest = max(jumps, key=lambda jump: abs(jump["distance"]))
     loss = sum(jump["loss"] for jump in jumps)
-    everywhere_the_same = replay.scene is not None and not replay.scene.ground.differs
-    why = "where stability was lost" if everywhere_the_same else "onto ground that holds less"
+    buckled = replay.scene is not None and not replay.scene.ground.lets_go
+    why = "where stability was lost" if buckled else "onto ground that holds less"
     border = "" if longest["border"] is None else f" from the border at {longest['border']:g} m"
     screen.print(
         f"{len(jumps)} jump(s) {why}, {loss:.6g} J lost; the longest: {longest['contact']} at "

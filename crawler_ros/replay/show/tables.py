@@ -199,7 +199,7 @@ class TableWriter:
         if not self._writers:
             self._open(0, 0)
         tables = {"slips": slips_table(replay), "cycles": cycles_table(replay)}
-        if self._turns or (self._scene is not None and self._scene.ground.track is not None):
+        if self._turns or (self._scene is not None and self._scene.ground.lets_go):
             tables["jumps"] = _table_of_rows("jumps", self._planar, replay.plain_jumps())
         refusals = () if replay.incidents is None else replay.incidents.refusals
         found = {"rests": [rest.as_plain() for rest in replay.rests], "refusals": [asdict(r) for r in refusals]}
