@@ -10,10 +10,13 @@ ahead nor back, is held by the friction ahead, and the motion counts as not uniq
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...body.regions import Regions
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import AMBIGUOUS, DISSIPATION
@@ -30,6 +33,8 @@ _SHORTEST = 1e-13
 """A part of a way within which a body crosses a border by a jump."""
 _MOST = 100
 """Upper limit of borders that a body crosses in a ramp, per point."""
+_MOST_TRIALS = 200
+"""Upper limit of parts of a ramp that are tried to come to a border."""
 
 
 def follow_over_regions(
@@ -58,17 +63,29 @@ def follow_over_regions(
     Raises:
         CommandError: where the body cannot follow, or crosses too many borders.
     """
-    return _Crossing(motion, state, scratch, ramp, budget, account).follow(target)
+    assert motion.regions is not None
+    return _Crossing(motion, motion.regions, state, scratch, ramp, budget, account).follow(target)
 
 
+@dataclass
 class _Crossing:
-    """A body that crosses borders in a ramp."""
+    """A body that crosses borders in a ramp, with the arguments of `follow_over_regions`."""
 
-    def __init__(self, *given: Any) -> None:
-        self.motion, self.state, self.scratch, self.ramp, self.budget, self.account = given
-        self.jumps: list[Jump] = []
-        self.left: dict[int, np.ndarray] = {}  # where points came to ground with less friction in this ramp
-        self.touching = np.flatnonzero(self.motion.body.share != 0.0)
+    motion: PlaneMotion
+    regions: Regions
+    state: PlanarState
+    scratch: tuple[np.ndarray, tuple[Any, ...]]
+    ramp: int
+    budget: int
+    account: np.ndarray
+    jumps: list[Jump] = field(default_factory=list)
+    left: dict[int, np.ndarray] = field(default_factory=dict)
+    """Where points came to ground with less friction in this ramp."""
+
+    @property
+    def touching(self) -> np.ndarray:
+        """The points that touch the ground."""
+        return np.flatnonzero(self.motion.body.share != 0.0)
 
     def follow(self, target: np.ndarray) -> list[Jump]:
         """Follow the ramp from border to border, and the falls behind each."""
@@ -92,8 +109,7 @@ class _Crossing:
 
     def _factors(self) -> np.ndarray:
         """Return the factor on each column of friction."""
-        factor = self.motion.regions.factors[self.state.region]
-        return np.repeat(factor, self.state.held.shape[1])
+        return np.repeat(self.regions.factors[self.state.region], self.state.held.shape[1])
 
     def _change_ground(self, crossed: dict[int, int], asked: np.ndarray, place: float) -> None:
         """Give points the friction of the ground that they have come to, and let them fall where it is less.
@@ -126,7 +142,7 @@ class _Crossing:
 
     def _enter(self, crossed: dict[int, int]) -> None:
         """Note the regions that points have come to, and those that they stand on the borders of."""
-        state, factors, tolerance = self.state, self.motion.regions.factors, self.motion.tolerance
+        state, factors, tolerance = self.state, self.regions.factors, self.motion.tolerance
         for i, region in crossed.items():
             behind, at = int(state.region[i]), state.displacement[i]
             state.region[i] = state.behind[i] = region
@@ -154,7 +170,7 @@ class _Crossing:
         begin = self.state.command.copy()
         jumps: list[Jump] = []
         before, low = self._save(), 0.0
-        for place, jump in self.motion.follow_ramp(*self._way(goal), parts=1.0):
+        for place, jump in self._follow(goal, 1.0):
             found = [] if jump is None else [jump]
             crossed, _, _ = self._compare(before[0])
             if crossed:
@@ -165,14 +181,14 @@ class _Crossing:
         else:
             return {}, 1.0, jumps
         after, high = self._save(), place
-        for k in range(200):
+        for k in range(_MOST_TRIALS):
             crossed, first, beyond = self._compare(before[0])
             if beyond <= _BEYOND * self.motion.tolerance or high - low <= _SHORTEST:
                 break
             part = low + (0.5 if k % 3 == 2 else first) * (high - low)
             self._restore(before)
             row = begin + part * (goal - begin)
-            trial = [j for _, j in self.motion.follow_ramp(*self._way(row)) if j is not None]
+            trial = [j for _, j in self._follow(row) if j is not None]
             if self._compare(before[0])[0]:
                 after, high, found = self._save(), part, trial
             else:
@@ -183,8 +199,8 @@ class _Crossing:
         share = [dataclasses.replace(jump, part=high) for jump in (*jumps, *found)]
         return crossed, high, share
 
-    def _way(self, goal: np.ndarray) -> tuple[Any, ...]:
-        return self.state, self.scratch, goal, self.ramp, self.budget, self.account
+    def _follow(self, goal: np.ndarray, parts: float = np.inf) -> Iterator[tuple[float, Jump | None]]:
+        return self.motion.follow_ramp(self.state, self.scratch, goal, self.ramp, self.budget, self.account, parts)
 
     def _compare(self, before: PlanarState) -> tuple[dict[int, int], float, float]:
         """Find the points that have crossed borders since a state, on straight ways, or leave a border backwards.
@@ -193,7 +209,7 @@ class _Crossing:
             Their new regions; an estimate of the part after which the first one does, and a little beyond; how far they
             are beyond at most [m].
         """
-        state, regions, allowed = self.state, self.motion.regions, _BEYOND * self.motion.tolerance
+        state, regions, allowed = self.state, self.regions, _BEYOND * self.motion.tolerance
         start, end = (self.motion.frame.position + s.displacement for s in (before, state))
         crossed, first, farthest = {}, 1.0, 0.0
         for i in self.touching.tolist():
@@ -221,7 +237,7 @@ class _Crossing:
 
     def _room_behind(self, state: PlanarState, i: int) -> tuple[float, np.ndarray]:
         """Compute the distance of the force on a point from the bound behind a border [N], and the way of its slip."""
-        factors, frame = self.motion.regions.factors, self.motion.frame
+        factors, frame = self.regions.factors, self.motion.frame
         with_less, slip = state.copy(), np.empty_like(state.x)
         with_less.held[i] *= factors[state.behind[i]] / factors[state.region[i]]
         force = state.force
