@@ -15,7 +15,7 @@ from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_ros.recording.attachments import versions
 from crawler_ros.recording.bag import read
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.wire.messages import JointStateMessage, PoseMessage, TrajectoryMessage
+from crawler_ros.wire.messages import JointStateMessage, TrajectoryMessage, lay_out_pose, list_pose
 from crawler_ros.wire.states import contact_names, joint_state_names, shown_contacts
 from crawler_ros.wire.topics import read_topics
 
@@ -61,13 +61,13 @@ def messages(scene: Scene, ticks, rate: float = 100.0, crawler: Crawler | None =
         JointStateMessage(joint_state_names(scene.body)),
         JointStateMessage(contact_names(scene.body), "world"),
     )
-    pose, readout = PoseMessage("world"), Readout(scene.body, shown_contacts(scene.body))
+    pose, readout = lay_out_pose("world"), Readout(scene.body, shown_contacts(scene.body))
 
     def states(ns: int, seconds: float) -> Iterator[Message]:
         readout.read(crawler, seconds, joints.numbers, contacts.numbers)
         yield "joint_states", ns, joints.encode(ns)
         yield "contact_states", ns, contacts.encode(ns)
-        yield "pose", ns, pose.encode(ns, *np.atleast_1d(crawler.net_translation), yaw=crawler.yaw)
+        yield "pose", ns, pose.encode(ns, list_pose(*np.atleast_1d(crawler.net_translation), yaw=crawler.yaw))
 
     yield from states(0, np.inf)
     for start, offsets, rows in ticks:

@@ -52,7 +52,7 @@ def compile_environments() -> None:
 def compile_node() -> None:
     """Compile the kernels of the simulator's ticks, and of recordings if what reads them is installed."""
     from crawler_model import load_scene
-    from crawler_ros.node.tick_batch import compile_ticks
+    from crawler_ros.node.ticks import compile_ticks
 
     for name in ("three_contacts_two_ways", "three_springs", "tendon_worm"):
         compile_ticks(load_scene(name))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..body.drive import NS
 from ..compiled import compiled
 from ..motion.line.follow import follow
 from ..motion.line.motion import LineMotion
@@ -34,7 +35,7 @@ def follow_ticks(
     readout: Readout,
     targets: np.ndarray,
     first: np.ndarray,
-    seconds: np.ndarray,
+    times_ns: np.ndarray,
     read: np.ndarray,
     of_joints: np.ndarray,
     of_contacts: np.ndarray,
@@ -47,7 +48,7 @@ def follow_ticks(
         readout: the readout of its body.
         targets: rows as returned by `Crawler.target`, of all ticks, shape (V, F).
         first: the first row of each tick, then V, shape (K + 1,).
-        seconds: duration of each tick, shape (K,) [s].
+        times_ns: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns].
         read: whether to read each tick at its end, R times true, shape (K,).
         of_joints: output: as for `Readout.read`, shape (R, 3, 1 + J).
         of_contacts: output: as for `Readout.read`, shape (R, 3, M).
@@ -56,12 +57,12 @@ def follow_ticks(
     Returns:
         The account of each tick, shape (K, 15).
     """
-    accounts = empty_account(seconds.size)
+    accounts = empty_account(read.size)
     line: Any = crawler._state
     motion: Any = crawler._motion
     scratch: Any = crawler._scratch
     scratch.budget[0], scratch.exact[0] = crawler.budget, crawler.method == "exact"
-    ticks = (first, seconds, read, readout.joints, readout.seen)
+    ticks = (first, times_ns, read, readout.joints, readout.seen)
     output = (accounts, of_joints, of_contacts, moved)
     memory = motion.memory_for(line, scratch)
     _follow_ticks(line.contacts, line.springs, scratch.ramps, memory, targets, ticks, output)
@@ -72,15 +73,16 @@ def follow_ticks(
 @compiled
 def _follow_ticks(contacts, springs, ramps, memory, targets, ticks, output):
     """Follow and read ticks: arguments as for `follow` in `motion.line.follow`, `read_records` and `follow_ticks`."""
-    first, seconds, read, joints, seen = ticks
+    first, times_ns, read, joints, seen = ticks
     accounts, of_joints, of_contacts, moved = output
     records = np.empty((0, 0))
     row = 0
-    for tick in range(seconds.shape[0]):
+    for tick in range(read.shape[0]):
         ends = targets[first[tick] : first[tick + 1]]
         follow(contacts, springs, ramps, memory, ends, accounts[tick], records)
         if read[tick]:
-            read_records(contacts, springs, joints, seen, seconds[tick], of_joints[row], of_contacts[row])
+            seconds = (times_ns[tick + 1] - times_ns[tick]) / NS
+            read_records(contacts, springs, joints, seen, seconds, of_joints[row], of_contacts[row])
             for i in range(contacts.shape[0]):
                 moved[row, 0, i] = contacts[i].x
                 moved[row, 1, i] = contacts[i].gained

@@ -7,7 +7,6 @@ import numpy as np
 from ..body.body import Body
 from ..body.drive import NS
 from ..body.names import name_joints
-from .crawler import Crawler
 
 _WORDS = ((-1, "slack"), (1, "stalled"))
 _MOST_NAMED, _MOST_WAITING = 5, 100
@@ -26,28 +25,10 @@ class YieldTimes:
         names = name_joints(body)
         self._names = [names[joint] for joint in self._limits.index]
         self._ns = {state: np.zeros(len(self._names), np.int64) for state, _ in _WORDS}
-        self._waiting: list[tuple[np.ndarray, np.ndarray, int]] = []
+        self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._reported = {state: times.copy() for state, times in self._ns.items()}
 
-    def add(self, crawler: Crawler, ns: int) -> None:
-        """Add a tick.
-
-        Args:
-            crawler: the crawler at its end.
-            ns: its duration [ns].
-        """
-        self._waiting.append((crawler.joint_elongation, self._body.joint_sum(crawler.actuation), ns))
-        if len(self._waiting) == _MOST_WAITING:
-            self._settle()
-
-    def _settle(self) -> None:
-        """Add the ticks that wait: together they take little longer than one of them."""
-        if self._waiting:
-            elongation, lengths, ns = (np.array(column) for column in zip(*self._waiting, strict=True))
-            self._waiting.clear()
-            self.add_many(elongation, lengths, ns)
-
-    def add_many(self, elongation: np.ndarray, lengths: np.ndarray, ns: np.ndarray) -> None:
+    def add(self, elongation: np.ndarray, lengths: np.ndarray, ns: np.ndarray) -> None:
         """Add K ticks.
 
         Args:
@@ -55,9 +36,18 @@ class YieldTimes:
             lengths: L of each joint, the sum over its springs, of the same shape [m].
             ns: their durations, shape (K,) [ns].
         """
-        found = self._limits.find_states(elongation, lengths)
-        for state, times in self._ns.items():
-            times += ns @ (found == state)
+        self._waiting.append((elongation.copy(), lengths, ns))
+        if len(self._waiting) == _MOST_WAITING or ns.size > 1:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Add the ticks that wait: together they take little longer than one of them."""
+        if self._waiting:
+            elongation, lengths, ns = map(np.concatenate, zip(*self._waiting, strict=True))
+            self._waiting.clear()
+            found = self._limits.find_states(elongation, lengths)
+            for state, times in self._ns.items():
+                times += ns @ (found == state)
 
     def list_seconds(self) -> dict[str, dict[str, float]]:
         """List how long links were slack or stalled.

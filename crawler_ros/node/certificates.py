@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crawler_model import Scene
-from crawler_model.motion.state import COMPLEMENTARITY, DISSIPATION, RESIDUAL, VIOLATION, WORK
 
 from .intake.limits import body_length
 
@@ -31,26 +30,18 @@ class Certificates:
     allowed: float
     worst: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     _now: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    _work: float = 0.0
+    _turnover: float = 0.0
 
-    def add(self, account: np.ndarray) -> None:
-        """Add the account of a tick."""
-        self._add(*account[_ENTRIES].tolist())
-
-    def add_many(self, accounts: np.ndarray) -> None:
-        """Add the accounts of several ticks, shape (K, 15)."""
-        entries = np.abs(accounts[:, _ENTRIES])
-        self._add(*entries[:, :3].max(axis=0).tolist(), *entries[:, 3:].sum(axis=0).tolist())
-
-    def _add(self, residual: float, violation: float, complementarity: float, work: float, dissipation: float) -> None:
+    def add(self, residual: float, violation: float, complementarity: float, turnover: float) -> None:
+        """Add ticks: the worst of their certificates, and the energy turned over in all of them."""
         now = self._now
-        if not abs(residual) <= now[0]:  # not a number counts as worse
-            now[0] = abs(residual)
+        if not residual <= now[0]:  # not a number counts as worse
+            now[0] = residual
         if not violation <= now[1]:
             now[1] = violation
         if not complementarity <= now[2]:
             now[2] = complementarity
-        self._work += abs(work) + dissipation
+        self._turnover += turnover
 
     def judge(self) -> tuple[bool, str]:
         """Judge the ticks since the last call.
@@ -58,9 +49,9 @@ class Certificates:
         Returns:
             Whether their numbers are finite, and a description of what is wrong; empty when nothing is.
         """
-        (residual, violation, complementarity), energy = self._now, self.energy + self._work
+        (residual, violation, complementarity), energy = self._now, self.energy + self._turnover
         self.worst = [float(np.fmax(a, b)) if b == b else b for a, b in zip(self.worst, self._now, strict=True)]
-        self._now, self._work = [0.0, 0.0, 0.0], 0.0
+        self._now, self._turnover = [0.0, 0.0, 0.0], 0.0
         if not np.isfinite(self.worst).all():
             return False, "a tick's certificate is not finite: the commands are beyond what doubles can hold"
         named = [
@@ -72,9 +63,6 @@ class Certificates:
         most = {self.force: self.allowed * self.force, energy: min(self.allowed * energy, self.energy)}
         bad = [f"{name} {value:.1e} {of.format(scale)}" for name, value, scale, of in named if value > most[scale]]
         return True, f"states are inaccurate: {'; '.join(bad)}" if bad else ""
-
-
-_ENTRIES = np.array([RESIDUAL, VIOLATION, COMPLEMENTARITY, WORK, DISSIPATION])
 
 
 def certificates_of(scene: Scene, method: str) -> Certificates:

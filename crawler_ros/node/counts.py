@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from crawler_model import Scene
-from crawler_model.crawler.step import Step
 from crawler_model.crawler.yields import YieldTimes, start_yield_times
-from crawler_model.motion.state import AMBIGUOUS, OVERSPENT, UNSOLVED
+from crawler_model.motion.jump import Jump
 from crawler_model.run.inertia import InertiaMeter, start_meter
 
 from .certificates import Certificates, certificates_of
@@ -37,22 +38,19 @@ class Counts:
     unheld: int = 0
     stability: float = np.inf
 
-    def add(self, step: Step, stability: float | None = None) -> None:
-        """Add the account of a tick, and its stability margin if the body turns."""
-        self.ambiguous += not step.unique
-        self.overspent += step.overspent
-        self.unsolved += step.unsolved
-        if step.jumps:
-            self.jumps += len(step.jumps)
-            self.jump_loss += step.jump_loss
+    def add(self, ambiguous: float, overspent: float, unsolved: float) -> None:
+        """Add ticks, as `sum_accounts` counts them."""
+        self.ambiguous += int(ambiguous)
+        self.overspent += int(overspent)
+        self.unsolved += int(unsolved)
+
+    def add_jumps(self, jumps: Sequence[Jump], stability: float | None) -> None:
+        """Add the jumps of a tick, and its stability margin if the body turns."""
+        if jumps:
+            self.jumps += len(jumps)
+            self.jump_loss += math.fsum(jump.loss for jump in jumps)
         if stability is not None:
             self.stability = min(self.stability, stability)
-
-    def add_many(self, accounts: np.ndarray) -> None:
-        """Add the accounts of several ticks without jumps, shape (K, 15)."""
-        self.ambiguous += int(np.count_nonzero(accounts[:, AMBIGUOUS]))
-        self.overspent += int(accounts[:, OVERSPENT].sum())
-        self.unsolved += int(accounts[:, UNSOLVED].sum())
 
 
 def start_counts(scene: Scene, method: str) -> tuple[Certificates, Counts, YieldTimes | None, InertiaMeter | None]:

@@ -1,108 +1,138 @@
-"""The outgoing messages of a tick: the ledger and the states, encoded from the crawler and sent."""
+"""The messages that the simulator sends: recorded, then published."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from crawler_model import Crawler, Scene
-from crawler_model.crawler.readout import Readout, find_turn
-from crawler_model.run.screw import to_frame
+from crawler_model import Scene
 
-from ..wire.messages import (
-    CLOCK,
-    JointStateMessage,
-    MessageLayout,
-    OdometryMessage,
-    PoseMessage,
-    TrajectoryMessage,
-    encode_clock,
-)
-from ..wire.states import contact_names, joint_state_names, shown_contacts
-from .intake.commanded_path import Vertex
-from .outlet import Outlet
+from .encoder import LEDGER, STATES, TickEncoder
+from .intake.commanded_path import Vertices, hold
 
-STATES = ("joint_states", "contact_states", "pose", "odom", "/clock")
-"""The topics of the states, in the order in which they are sent."""
+if TYPE_CHECKING:
+    from ..recording.recorder import Recorder
+
+
+class Outlet:
+    """Sends the messages of one topic to its subscribers and to the recording."""
+
+    def __init__(self, publisher: Any, recorder: Recorder | None, channel: int | None) -> None:
+        """Store the publisher and the recording channel.
+
+        Args:
+            publisher: rclpy's publisher; None to publish nothing.
+            recorder: the recorder, if there is one.
+            channel: the recorder's channel; None to record nothing.
+        """
+        # Publisher.publish calls this with bytes after checking their type, which takes as long again
+        self.publish: Any = None if publisher is None else publisher.handle.publish_raw
+        """Publishes the bytes of a message; None if the topic is not published."""
+        self._recorder = recorder
+        self.channel = -1 if channel is None else channel
+        """The channel of the recording; -1 if the topic is not recorded."""
+        self.wanted = self.publish is not None or channel is not None
+        self._publisher = publisher
+        self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
+        self._subscribers = 0
+
+    def send(self, data: bytes) -> None:
+        """Record and publish a message.
+
+        Args:
+            data: its CDR bytes.
+        """
+        if self._recorder is not None and self.channel >= 0:  # before a subscriber can answer
+            now = self._recorder.now_ns()
+            self._recorder.record(self.channel, now, now, data)
+        if self.publish is not None:
+            self.publish(data)
+
+    def is_heard(self) -> bool:
+        """Determine whether a message that is published now can be received: at once, or later if it is latched."""
+        return self.publish is not None and (self._latched or self._publisher.get_subscription_count() > 0)
+
+    def has_newcomers(self) -> bool:
+        """Determine whether there are more subscribers than at the last call."""
+        before, self._subscribers = self._subscribers, self._publisher.get_subscription_count()
+        return self._subscribers > before
 
 
 class Outgoing:
-    """Encodes the constant parts of the messages of every tick once, and sends messages."""
+    """Sends the ledger and the states of ticks, of one or of many."""
 
-    def __init__(self, scene: Scene, values: Mapping[str, Any], outlets: dict[str, Outlet]) -> None:
-        """Encode the constant parts.
+    def __init__(
+        self, scene: Scene, values: Mapping[str, Any], outlets: Mapping[str, Outlet], recorder: Recorder | None
+    ) -> None:
+        """Encode the constant parts of the messages.
 
         Args:
             scene: the scene that runs.
             values: the parameters by name.
             outlets: the outgoing topics by name.
+            recorder: the recorder, if there is one.
         """
-        body, frame = scene.body, values["frame_id"]
-        shown = outlets["contact_states"].wanted
-        self.outlets = outlets
-        self.ledger = TrajectoryMessage(list(scene.columns.names))
-        self.joints = JointStateMessage(joint_state_names(body))
-        self.contacts = JointStateMessage(contact_names(body) if shown else [], frame)
-        self.readout = Readout(body, shown_contacts(body) if shown else np.zeros(0, np.int64))
-        self._pose, self._odometry = PoseMessage(frame), OdometryMessage(frame, "base_link")
+        self._recorder, self._columns = recorder, scene.columns.count
+        topics = {name: outlets[name] for name in (*STATES, LEDGER) if outlets[name].wanted}
+        self.encoder = TickEncoder(scene, values["frame_id"], {n: outlet.channel for n, outlet in topics.items()})
+        self._ledger = topics.pop(LEDGER, None)
+        self._states = [(outlet, *self.encoder.places[name]) for name, outlet in topics.items()]
+        self._unrecorded = 0, 0, np.zeros(0, np.int64)
+        self._start = memoryview(b"")
 
-    def record_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> None:
-        """Record the commands that a tick followed, if they are recorded.
+    def send(self, taken: Vertices, read: np.ndarray, sent: np.ndarray, began_ns: int) -> None:
+        """Record all messages of K ticks, then publish them: of each tick the states first, for which controllers wait.
+
+        The times of the records are spread over the time that the ticks took.
 
         Args:
-            start_ns: simulated time at its start [ns].
-            vertices: the ends of its ramps.
+            taken: what the ticks followed.
+            read: as for `TickEncoder.encode`, shape (K,).
+            sent: likewise.
+            began_ns: when the first tick began [ns, steady clock].
         """
-        outlet = self.outlets["applied_commands"]
-        if outlet.recorded:
-            outlet.record(self._encode_ledger(start_ns, vertices))
+        states, ledger = self._states, self._ledger
+        if ledger is not None and ledger.publish is None:
+            ledger = None
+        if sent.size > 1:  # whether it is heard takes as long to find out as to publish it once
+            states = [state for state in states if state[0].is_heard()]
+            ledger = ledger if ledger is not None and ledger.is_heard() else None
+            if self._recorder is None and not states and ledger is None:
+                return
+        data, places = self._record(taken, self._ledger is not None, read, sent, began_ns)
+        begins = self.encoder.ledger_begins
+        for begin, middle, end in places:
+            if end > middle:
+                for outlet, first, last in states:
+                    outlet.publish(bytes(data[middle + first : middle + last]))
+            if ledger is not None:
+                ledger.publish(bytes(data[begin + begins : middle]))
 
-    def publish_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> None:
-        """Publish the commands that a tick followed, after `record_ledger`; the arguments are the same."""
-        outlet = self.outlets["applied_commands"]
-        if outlet.publish is not None:
-            outlet.publish(outlet.last if outlet.recorded else self._encode_ledger(start_ns, vertices))
+    def _record(
+        self, taken: Vertices, ledger: bool, read: np.ndarray, sent: np.ndarray, began_ns: int
+    ) -> tuple[memoryview, list[list[int]]]:
+        """Encode the messages of ticks and record them; return what `TickEncoder.encode` does."""
+        recorder, recorded = self._recorder, self._unrecorded
+        if recorder is not None:
+            recorded = recorder.now_ns(), time.monotonic_ns() - began_ns, recorder.numbers
+        data, places = self.encoder.encode(taken, ledger, read, sent, recorded)
+        if recorder is not None:
+            recorder.record_all(data)
+        return data, places
 
-    def _encode_ledger(self, start_ns: int, vertices: Sequence[Vertex]) -> bytes:
-        times = [max(v.due_ns - start_ns, 0) for v in vertices]
-        return self.ledger.encode(start_ns, times, [v.row for v in vertices])
+    def send_start(self) -> None:
+        """Send the state at the start, which was read into the first row; it has no ledger."""
+        always, start = np.ones(1, np.bool_), hold(np.zeros(2, np.int64), self._columns)
+        self._start, _ = self._record(start, False, always, always, time.monotonic_ns())
+        for outlet, first, last in self._states:
+            outlet.has_newcomers()  # who comes after this is sent it, at worst twice
+            outlet.publish(bytes(self._start[first:last]))
 
-    def send_states(self, crawler: Crawler, now_ns: int, seconds: float) -> None:
-        """Send the states at the end of a tick.
-
-        Args:
-            crawler: the crawler.
-            now_ns: simulated time [ns].
-            seconds: duration of the tick [s]; infinite at the start.
-        """
-        outlets = self.outlets
-        self.readout.read(crawler, seconds, self.joints.numbers, self.contacts.numbers)
-        outlets["joint_states"].send(self.joints.encode(now_ns))
-        if outlets["contact_states"].wanted:
-            outlets["contact_states"].send(self.contacts.encode(now_ns))
-        if outlets["pose"].wanted or outlets["odom"].wanted:
-            y = crawler.net_translation
-        if outlets["pose"].wanted:
-            place = (y, 0.0) if isinstance(y, float) else y
-            outlets["pose"].send(self._pose.encode(now_ns, place[0], place[1], crawler.yaw))
-        if outlets["odom"].wanted:
-            gain = crawler.body.share @ crawler.gained
-            if crawler.body.turning is not None:  # a twist is expressed in the moving frame
-                gain = to_frame(crawler.body, crawler.displacement, gain[None])[0]
-            rate = find_turn(crawler) / seconds
-            outlets["odom"].send(self._odometry.encode(now_ns, y, gain / seconds, crawler.yaw, rate))
-        if outlets["/clock"].wanted:
-            outlets["/clock"].send(encode_clock(now_ns))
-
-    def layouts(self) -> dict[str, MessageLayout]:
-        """Return the layouts of the states that are sent, by topic, in their order."""
-        messages = (self.joints, self.contacts, self._pose, self._odometry)
-        every = dict(zip(STATES, [*(message.layout for message in messages), CLOCK], strict=True))
-        return {name: layout for name, layout in every.items() if self.outlets[name].wanted}
-
-    def resend(self, newcomers: bool = True) -> None:
-        """Publish the last states again, see `Outlet.resend`."""
-        for name in ("/clock", *STATES[:-1]):
-            self.outlets[name].resend(newcomers)
+    def resend(self) -> None:
+        """Publish the state at the start again where there are more subscribers than before, the clock first."""
+        for outlet, first, last in reversed(self._states):
+            if outlet.has_newcomers():
+                outlet.publish(bytes(self._start[first:last]))

@@ -20,6 +20,7 @@ from crawler_model.theory.uniqueness import commanded_margin
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
 from .diagnostics import CommandCounts, TickCounts, diagnose
+from .encoder import STATES
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
@@ -28,13 +29,11 @@ from .life.quiet_node import QuietNode
 from .life.run import run_node
 from .life.scheduling import check_priority, raise_priority, reduce_delays
 from .life.stop import StopFlag, end_on_signals
-from .outgoing import STATES, Outgoing
-from .outlet import Outlet
+from .outgoing import Outgoing, Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
 from .stepper import Stepper
-from .tick_batch import compile_ticks
-from .ticks import Ticks
+from .ticks import Ticks, compile_ticks
 
 if TYPE_CHECKING:
     from ..recording.recorder import Recorder
@@ -105,7 +104,6 @@ class Simulator(QuietNode):
             self.commands,
             self.intake,
             self.outgoing,
-            self.recorder,
             self.feed,
             int(self.values["publish.every"]),
         )
@@ -141,7 +139,7 @@ class Simulator(QuietNode):
             else:
                 channel = None if self.recorder is None else self.recorder.add_topic(topic, full)
                 self.intake.open(self, topic, channel)
-        self.outgoing = Outgoing(self.scene, self.values, self._outlets)
+        self.outgoing = Outgoing(self.scene, self.values, self._outlets, self.recorder)
         warn_of_unused_qos(self)
 
     def _open_services(self) -> None:
@@ -217,9 +215,7 @@ class Simulator(QuietNode):
                     time.sleep(min(wait / NS, 0.1))
                 else:
                     with self.lock:
-                        if not self.stepper.rests and not self._run_ahead():
-                            self.stepper.begin(time.monotonic_ns())
-                            self.ticks.run()
+                        self._run_ticks()
                 self._push_recording(wall_ns)
                 self._report(wall_ns)
         finally:
@@ -270,10 +266,15 @@ class Simulator(QuietNode):
             if self.recorder.problem not in ("", before):
                 self.get_logger().error(self.recorder.problem)
 
-    def _run_ahead(self) -> bool:
-        """Run many ticks at once if nothing has to be waited for and no command waits; return whether any were run."""
-        at_once = self.commands.is_running if self.lock_step else self.stepper.real_time_factor == 0.0
-        return at_once and not self.stepper.paused and self.ticks.run_many()
+    def _run_ticks(self) -> None:
+        """Run a tick that is due, or many at once if no clock sets a pace."""
+        if self.stepper.rests:
+            return
+        if self.lock_step or self.stepper.real_time_factor == 0.0:
+            self.ticks.run_ahead()
+        else:
+            self.stepper.begin(time.monotonic_ns())
+            self.ticks.run()
 
     # -- reports ----------------------------------------------------------------------------------------------------
 

@@ -199,21 +199,23 @@ class Stepper:
         else:
             self._go_to(self.tick + ticks)
 
-    def ends_ns(self, ticks: int) -> np.ndarray:
-        """Compute when the next ticks end.
+    def times_ns(self, ticks: int) -> np.ndarray:
+        """Compute when the next ticks begin and end.
 
         Args:
             ticks: their largest number K; they are fewer where it is over before.
 
         Returns:
-            Simulated time at the end of each, shape (K,) [ns].
+            Simulated time at the start of the first and at the end of each, shape (K + 1,) [ns].
         """
+        if ticks == 1:
+            return np.array([self.now_ns, self.next_ns])
         period, rest = divmod(NS * self.rate.denominator, self.rate.numerator)
         if rest == 0:
-            ends = self.now_ns + period * np.arange(1, ticks + 1)
+            times = self.now_ns + period * np.arange(ticks + 1)
         else:
-            ends = np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick + 1, self.tick + ticks + 1)])
-        return ends[: 1 + np.searchsorted(ends, self._until_ns)]
+            times = np.array([tick_end_ns(tick, self.rate) for tick in range(self.tick, self.tick + ticks + 1)])
+        return times[: 2 + np.searchsorted(times[1:], self._until_ns)]
 
     def reset(self, wall_ns: int) -> None:
         """Return to simulated time 0; the count of late ticks and the lag are not reset.

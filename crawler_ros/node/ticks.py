@@ -1,27 +1,42 @@
-"""The ticks of a simulator, one by one or many at once: take commands, follow them, send the states, count."""
+"""The ticks of a simulator, one or many at once: take commands, follow them, send the states, count."""
 
 from __future__ import annotations
 
+import importlib
+import sys
+import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crawler_model import CommandError, Crawler, Scene
+from crawler_model import CommandError, Crawler, Scene, prepare
 from crawler_model.body.drive import NS
-from crawler_model.crawler.ticks import runs_in_one_call
+from crawler_model.crawler.readout import find_turn
+from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.motion.jump import Jump
+from crawler_model.motion.state import ACCOUNT_SIZE
+from crawler_model.run.screw import to_frame
 
 from ..viewer.frames import time_jumps
+from ..wire.messages import find_orientation
 from .counts import start_counts
-from .inertia import add_tick, add_ticks
+from .encoder import LEDGER, STATES, TickEncoder
+from .inertia import add_ticks
+from .intake.commanded_path import CommandedPath, Vertex, Vertices
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
+from .kernels import sum_accounts
 from .outgoing import Outgoing
 from .stepper import Stepper
-from .tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from ..recording.recorder import Recorder
     from ..viewer.feed import ViewerFeed
+
+_CALL_NS = 2_000_000
+"""Processor time of a call [ns], to which the number of its ticks is adjusted: commands and services wait as long."""
+
+_Jumps = dict[int, Sequence[Jump]]
 
 
 class Ticks:
@@ -35,7 +50,6 @@ class Ticks:
         commands: CommandQueue,
         intake: Intake,
         outgoing: Outgoing,
-        recorder: Recorder | None,
         feed: ViewerFeed | None,
         every: int,
     ) -> None:
@@ -47,8 +61,7 @@ class Ticks:
             stepper: the times of the ticks.
             commands: the commands that wait.
             intake: what received them, which logs what is wrong with them.
-            outgoing: the messages of a tick.
-            recorder: the recorder, if there is one.
+            outgoing: the messages of ticks.
             feed: the live view, if there is one.
             every: the states are sent after each tick whose number is a multiple of this.
         """
@@ -56,11 +69,13 @@ class Ticks:
         self._stepper, self._commands, self._intake, self._outgoing = stepper, commands, intake, outgoing
         self._feed, self._every = feed, every
         self._scene, self._columns = scene, scene.columns
-        self._hold = np.empty((0, self._columns.index.size))
-        single = feed is not None or not runs_in_one_call(crawler)
-        self.batch = None if single else TickBatch(scene, outgoing, recorder, every)
-        """What runs many ticks at once; None where they run one by one."""
         self._count_anew()
+        averages = self.inertia is not None and not self.inertia.follows_pieces  # of which each tick counts
+        self._compiled = runs_in_one_call(crawler) and not (averages or scene.columns.loads)
+        self.most = outgoing.encoder.most if feed is None else 1
+        """Largest number of ticks at once; the live view is shown between them."""
+        self._ahead = min(self.most, 16)
+        self._moved = np.empty((self.most, 2, scene.body.contacts))
 
     def _count_anew(self) -> None:
         found = start_counts(self._scene, self.crawler.method)
@@ -75,52 +90,163 @@ class Ticks:
 
     def send_start(self) -> None:
         """Send the state at simulated time 0."""
-        self._outgoing.resend(newcomers=False)  # later subscribers get the state, at worst twice
-        self._outgoing.send_states(self.crawler, 0, np.inf)
+        self._read(0, np.inf)
+        self._outgoing.send_start()
         if self._feed is not None:
             self._feed.show(0, self.crawler, ())
 
-    def run(self, shown: bool = False) -> None:
-        """Run a tick; send its states if `shown`, or if they are due."""
-        start_ns, end_ns = self._stepper.now_ns, self._stepper.next_ns
-        in_force = self._commands.in_force
-        vertices = self._commands.take(start_ns, end_ns)
-        self._intake.warn_of_overdue(start_ns)
-        rows = [v.row for v in vertices]
-        try:
-            step = self.crawler.follow(self._columns.target(np.array(rows)) if rows else self._hold)
-        except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
-            self.counts.unheld += 1
-            self._intake.warn_of_refused_tick(error)
-            self._commands.resume(in_force)
-            vertices = []
-            step = self.crawler.follow(self._hold)
-        self._stepper.finish()
-        self._outgoing.record_ledger(start_ns, vertices)
-        if shown or self._commands.ended or self._stepper.tick % self._every == 0:
-            self._outgoing.send_states(self.crawler, end_ns, (end_ns - start_ns) / NS)
-        self._outgoing.publish_ledger(start_ns, vertices)  # a controller waits only for the states
-        if self._feed is not None:
-            dues = [max(v.due_ns, start_ns) for v in vertices]
-            self._feed.show(end_ns, self.crawler, time_jumps(step.jumps, start_ns, dues) if step.jumps else ())
-        self.certificates.add(step.account)
-        self.counts.add(step, self.crawler.stability_margin)
-        if self.yields is not None:
-            self.yields.add(self.crawler, end_ns - start_ns)
-        add_tick(self.inertia, self.crawler, step, vertices, (start_ns, end_ns))
+    def run_ahead(self) -> None:
+        """Run as many ticks as take `_CALL_NS`, or fewer where commands wait."""
+        used, before = time.thread_time_ns(), self._stepper.tick
+        self.run(self._ahead)
+        used, count = time.thread_time_ns() - used, self._stepper.tick - before
+        self._ahead = max(1, min(self.most, 2 * self._ahead, 1 + count * _CALL_NS // max(used, 1)))
 
-    def run_many(self) -> bool:
-        """Run many ticks at once if no command waits; return whether any were run."""
-        if self.batch is None:
-            return False
-        start_ns, ends = self._stepper.now_ns, self._stepper.ends_ns(self.batch.ticks)
-        taken = self._commands.take_ahead(start_ns, ends)
-        if taken is None:
-            return False
-        ends = ends[: taken.first.size - 1]
-        accounts = self.batch.run(self.crawler, taken, self._stepper.tick, start_ns, ends, self.yields)
-        self._stepper.finish(len(accounts))
-        add_ticks(self.inertia, self._columns, taken, start_ns, ends)
-        self.certificates.add_many(accounts)
-        self.counts.add_many(accounts)
-        return True
+    def run(self, most: int = 1, shown: bool = False) -> None:
+        """Run a tick or, if no command waits, as many as can be run at once.
+
+        Args:
+            most: the largest number of ticks.
+            shown: whether to send the states even where they are not due.
+        """
+        began_ns, tick, in_force = time.monotonic_ns(), self._stepper.tick, self._commands.in_force
+        taken = self._commands.take(self._stepper.times_ns(min(most, self.most)))
+        sent = np.zeros(taken.first.size - 1, np.bool_)
+        sent[-(tick + 1) % self._every :: self._every] = True
+        if shown or taken.ended >= 0:
+            sent[taken.ended] = True
+        read = sent if self.yields is None else np.ones(sent.size, np.bool_)
+        x: list[np.ndarray] = []
+        jumps: _Jumps = {}
+        if self._compiled:
+            accounts = self._follow_at_once(taken, in_force, read)
+        else:
+            taken, accounts = self._follow_each(taken, in_force, read, x, jumps)
+            read, sent = read[: len(accounts)], sent[: len(accounts)]
+            if taken.ended >= 0:  # also because its commands were refused
+                sent[taken.ended] = True
+        self._outgoing.send(taken, read, sent, began_ns)  # first of all: in lock-step a controller waits for it
+        self._intake.warn_of_overdue(self._stepper.now_ns)
+        self._stepper.finish(sent.size)
+        if self._feed is not None:
+            start_ns, end_ns = taken.times_ns.tolist()
+            dues = np.maximum(taken.due_ns, start_ns).tolist()
+            self._feed.show(end_ns, self.crawler, time_jumps(jumps[0], start_ns, dues) if jumps else ())
+        *certificates, ambiguous, overspent, unsolved = sum_accounts(accounts)
+        self.certificates.add(*certificates)
+        self.counts.add(ambiguous, overspent, unsolved)
+        if self.inertia is not None:
+            add_ticks(self.inertia, self._columns, taken, x, list(jumps))
+
+    def _follow_at_once(self, taken: Vertices, in_force: np.ndarray, read: np.ndarray) -> np.ndarray:
+        """Follow and read ticks in one compiled call: of bodies that cannot jump, on ground that holds everywhere.
+
+        Returns:
+            The account of each, shape (K, 15).
+        """
+        crawler, encoder, count = self.crawler, self._outgoing.encoder, np.count_nonzero(read)
+        joints, contacts, moved = encoder.joints[:count], encoder.contacts[:count], self._moved[:count]
+        targets, times_ns = self._columns.target(taken.rows), taken.times_ns
+        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, times_ns, read, joints, contacts, moved)
+        poses = encoder.poses[:count]
+        poses[:, ::4] = np.vecdot(moved, crawler.body.share)  # x and its gain, each to the bit as one product
+        if "odom" in encoder.places:
+            poses[:, 4] /= (np.diff(times_ns) / NS)[read]
+        if self.yields is not None:
+            targets = np.vstack((self._columns.target(in_force[None]), targets))[taken.first[1:]]  # at the end of each
+            self.yields.add(joints[:, 0, 1:], targets[:, crawler.body.link_springs], np.diff(times_ns))
+        return accounts
+
+    def _follow_each(
+        self, taken: Vertices, in_force: np.ndarray, read: np.ndarray, x: list[np.ndarray], jumps: _Jumps
+    ) -> tuple[Vertices, np.ndarray]:
+        """Follow and read ticks one after another, up to one whose commands the ground refuses: that one holds.
+
+        Args:
+            taken: what they are to follow.
+            in_force: the row in force before them, shape (C,).
+            read: whether to read each, shape (K,).
+            x: output: displacement at the end of each, shape (N,), in the plane (N, 2) [m].
+            jumps: output: the jumps of the ticks that have any.
+
+        Returns:
+            What the ticks followed, and the account of each; of fewer ticks if commands were refused.
+        """
+        crawler, body, row = self.crawler, self.crawler.body, 0
+        targets, first = self._columns.target(taken.rows), taken.first.tolist()
+        accounts, ns = np.empty((read.size, ACCOUNT_SIZE)), taken.times_ns[1:] - taken.times_ns[:-1]
+        for tick in range(read.size):
+            try:
+                step = crawler.follow(targets[first[tick] : first[tick + 1]])
+            except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
+                step, taken = crawler.follow(targets[:0]), taken.refuse(tick)
+                self._commands.resume(taken.rows[-1] if taken.rows.size else in_force, int(taken.times_ns[-1]))
+                self._intake.warn_of_refused_tick(error)
+                self.counts.unheld += 1
+                read[tick] = True
+            accounts[tick] = step.account
+            if read[tick]:
+                self._read(row, ns[tick] / NS)
+                row += 1
+            self.counts.add_jumps(step.jumps, crawler.stability_margin)
+            if step.jumps:
+                jumps[tick] = step.jumps
+            if self.yields is not None:
+                lengths = body.joint_sum(crawler.actuation)
+                self.yields.add(crawler.joint_elongation[None], lengths[None], ns[tick : tick + 1])
+            if self.inertia is not None:
+                x.append(crawler.displacement)
+            if tick + 2 == taken.times_ns.size:  # the last one, perhaps because it was refused
+                break
+        return taken, accounts[: tick + 1]
+
+    def _read(self, place: int, seconds: float) -> None:
+        """Read the end of a tick that took some time [s], infinite at the start, into a row of what is encoded."""
+        crawler, encoder, body = self.crawler, self._outgoing.encoder, self.crawler.body
+        encoder.readout.read(crawler, seconds, encoder.joints[place], encoder.contacts[place])
+        pose = encoder.poses[place]
+        pose[: body.dimension] = crawler.net_translation
+        if body.turning is not None:
+            pose[2:4] = find_orientation(crawler.yaw)
+        if "odom" in encoder.places:
+            gain = body.share @ crawler.gained
+            if body.turning is not None:  # a twist is expressed in the moving frame
+                gain = to_frame(body, crawler.displacement, gain[None])[0]
+            pose[4 : 4 + body.dimension], pose[6] = gain / seconds, find_turn(crawler) / seconds
+
+
+def compile_ticks(scene: Scene) -> None:
+    """Compile the kernels of ticks or load them.
+
+    Args:
+        scene: the scene that will run.
+    """
+    _skip_blas()
+    prepare(scene)
+    crawler, encoder = Crawler(scene), TickEncoder(scene, "", dict.fromkeys((*STATES, LEDGER), -1))
+    encoder.readout.read(crawler, np.inf, encoder.joints[0], encoder.contacts[0])
+    path, always = CommandedPath(Vertex(0, crawler.row)), np.ones(1, np.bool_)
+    path.replace(0, [Vertex(1, crawler.row)])
+    taken = path.follow(np.arange(2), crawler.row)
+    encoder.encode(taken, True, always, always, (0, 0, np.zeros(0, np.int64)))
+    accounts = np.zeros((1, ACCOUNT_SIZE))
+    if runs_in_one_call(crawler):
+        targets, moved = scene.columns.target(taken.rows), np.empty((1, 2, scene.body.contacts))
+        tables = encoder.joints[:1], encoder.contacts[:1], moved
+        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, taken.times_ns, always, *tables)
+    sum_accounts(accounts)
+
+
+def _skip_blas() -> None:
+    """Let numba find no BLAS: it would import scipy.linalg, a tenth of the node's start, for np.cov in kernels.
+
+    This is done here and not where kernels are loaded, because other programs may compile functions of their own.
+    """
+    hidden = "scipy.linalg"
+    if hidden in sys.modules:
+        return
+    sys.modules[hidden] = None  # type: ignore[assignment]
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[hidden]

@@ -14,9 +14,10 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..wire.topics import Topic
 from .bag_folder import make_folder
@@ -59,9 +60,10 @@ class Recorder:
         self._attachments = attachments
         self._names: dict[str, str] = {}
         self._channels: list[tuple[str, str, str, dict[str, str]]] = []
-        self._sequences: list[int] = []
+        self.numbers = np.zeros(0, np.int64)
+        """The number of the next message on each channel."""
         self._process: subprocess.Popen[bytes] | None = None
-        self._arrived: list[bytes] = []  # any thread appends, one empties it
+        self._arrived: list[bytes | memoryview] = []  # any thread appends, one empties it
         self._blocks: deque[memoryview] = deque()  # for which the ring had no room
         self._kept = 0  # bytes of these
         self._next_push_ns = self._next_listen_ns = 0
@@ -83,7 +85,7 @@ class Recorder:
         type_name, definition, metadata = describe_channel(topic)
         self._channels.append((name, type_name, definition.decode(), metadata))
         self._names[topic.name] = name
-        self._sequences.append(0)
+        self.numbers = np.zeros(len(self._channels), np.int64)
         return len(self._channels) - 1
 
     def start(self) -> None:
@@ -134,42 +136,24 @@ class Recorder:
         """
         if self.error is not None:
             return
-        sequence = self._sequences[channel]
-        self._sequences[channel] = sequence + 1
+        number = int(self.numbers[channel])
+        self.numbers[channel] = number + 1
         # one call, so that another thread's message comes before or after but never between; channels count from 1
-        self._arrived.extend((message_head(channel + 1, sequence, log_ns, publish_ns, len(data)), data))
+        self._arrived.extend((message_head(channel + 1, number, log_ns, publish_ns, len(data)), data))
 
-    def number(self, channel: int, count: int) -> int:
-        """Reserve the numbers of messages that `record_all` will accept; call it as `record`.
-
-        Args:
-            channel: from `add_topic`.
-            count: number of messages.
-
-        Returns:
-            The number of the first.
-        """
-        first = self._sequences[channel]
-        self._sequences[channel] = first + count
-        return first
-
-    def record_all(self, records: Sequence[bytes | memoryview]) -> None:
-        """Accept message records, complete with their heads; call it from the thread that calls `push`.
+    def record_all(self, records: memoryview) -> None:
+        """Accept message records, complete with their heads and counted in `numbers`; call it as `record`.
 
         Args:
-            records: the records; each item holds any number of them. They are copied.
+            records: any number of them, which nobody changes any more.
         """
-        if self.error is not None:
-            return
-        self._fill_ring()
-        for item in records:
-            if self._blocks or not self._ring.write(memoryview(item)):
-                self._keep(memoryview(bytes(item)))
+        if self.error is None:
+            self._arrived.append(records)
 
     @property
     def messages(self) -> int:
         """Number of messages accepted."""
-        return sum(self._sequences)
+        return int(self.numbers.sum())
 
     def push(self, now_ns: int) -> None:
         """Hand over accepted messages from time to time; block only if very many wait; call from one thread.

@@ -14,7 +14,7 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.run.ticks import tick_end_ns
 
-from ..wire.messages import JointStateMessage, PoseMessage, TrajectoryMessage
+from ..wire.messages import JointStateMessage, TrajectoryMessage, lay_out_pose, list_pose
 from ..wire.states import contact_names, joint_state_names
 from ..wire.topics import read_topics
 from .attachments import describe_run
@@ -79,7 +79,7 @@ def _write_ticks(
     body, now = scene.body, time.time_ns()
     ledger = TrajectoryMessage(list(scene.columns.names))
     joints, contacts = JointStateMessage(joint_state_names(body)), JointStateMessage(contact_names(body), _FRAME)
-    pose = PoseMessage(_FRAME)
+    pose = lay_out_pose(_FRAME)
     for k, tick in enumerate(ticks):
         ns = tick_end_ns(k, rate)
         joints.numbers[:] = tick.joints.reshape(joints.numbers.shape)
@@ -87,7 +87,7 @@ def _write_ticks(
         found = [
             ("joint_states", joints.encode(ns)),
             ("contact_states", contacts.encode(ns)),
-            ("pose", pose.encode(ns, *tick.pose)),
+            ("pose", pose.encode(ns, list_pose(*tick.pose))),
         ]
         if k:
             start = tick_end_ns(k - 1, rate)

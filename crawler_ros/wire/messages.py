@@ -31,19 +31,48 @@ class MessageLayout:
 
     Attributes:
         data: the CDR bytes.
-        stamp: place of the stamp of the header.
-        numbers: place of the first number.
-        shape: shape of the numbers.
-        strides: bytes from one number to the next, for each axis of that shape.
-        times: place of the first of the times that have the first axis of the numbers in common; -1 without times.
+        stamp: place of the stamp, two integers of 4 bytes.
+        numbers: places and counts of its sequences of doubles, in order.
     """
 
     data: bytes
     stamp: int
-    numbers: int
-    shape: tuple[int, ...]
-    strides: tuple[int, ...]
-    times: int = -1
+    numbers: tuple[tuple[int, int], ...] = ()
+
+    def encode(self, stamp_ns: int, numbers: Sequence[float] = ()) -> bytes:
+        """Return the bytes of a message.
+
+        Args:
+            stamp_ns: the stamp [ns].
+            numbers: the doubles of all its sequences, one after another.
+        """
+        buffer, first = bytearray(self.data), 0
+        _put_stamp(buffer, self.stamp, stamp_ns)
+        for place, count in self.numbers:
+            struct.pack_into(f"<{count}d", buffer, place, *numbers[first : first + count])
+            first += count
+        return bytes(buffer)
+
+
+@dataclass(frozen=True)
+class TrajectoryLayout:
+    """An encoded trajectory of two points, from which one with any number of points can be put together.
+
+    Attributes:
+        data: the CDR bytes; without points it ends behind their number.
+        stamp: place of the stamp.
+        count: place of the number of points, an integer of 4 bytes.
+        positions: place of the positions of the first point.
+        spacing: bytes from one point to the next; the last point ends 4 bytes earlier.
+        times: place of the time of the first point, two integers of 4 bytes.
+    """
+
+    data: bytes
+    stamp: int
+    count: int
+    positions: int
+    spacing: int
+    times: int
 
 
 class JointStateMessage:
@@ -59,12 +88,14 @@ class JointStateMessage:
         cdr = CdrWriter()
         self._stamp = cdr.header(frame)
         cdr.texts(names)
-        first, second, _ = (cdr.doubles(len(names)) for _ in range(3))
+        places = [cdr.doubles(len(names)) for _ in range(3)]
         self._buffer = cdr.buffer
         # three sequences of equal length are equally spaced: they are the rows of one array
-        self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, first, (second - first, 8))
+        spacing = places[1] - places[0]
+        self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, places[0], (spacing, 8))
         self.position, self.velocity, self.effort = self.numbers
-        self.layout = MessageLayout(bytes(self._buffer), self._stamp, first, self.numbers.shape, self.numbers.strides)
+        self.layout = MessageLayout(bytes(self._buffer), self._stamp, tuple((p, len(names)) for p in places))
+        """Its numbers: the three sequences of `numbers`."""
 
     def encode(self, stamp_ns: int) -> bytes:
         """Return the bytes for the present `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
@@ -85,81 +116,54 @@ def find_orientation(yaw: float) -> tuple[float, float]:
     return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
-class PoseMessage:
-    """A geometry_msgs/PoseStamped on the ground."""
+def list_pose(x: float, y: float = 0.0, yaw: float = 0.0) -> list[float]:
+    """List the numbers of a pose on the ground.
 
-    def __init__(self, frame: str) -> None:
-        """Encode the message once.
+    Args:
+        x: position [m].
+        y: position [m].
+        yaw: angle of the orientation about z [rad].
 
-        Args:
-            frame: the header's frame_id.
-        """
-        cdr = CdrWriter()
-        self._stamp = cdr.header(frame)
-        place = cdr.align(8)
-        cdr.buffer += bytes(7 * 8)
-        self._buffer = cdr.buffer
-        self._pose = np.frombuffer(self._buffer, np.float64, 7, place)
-        self._pose[6] = 1.0  # orientation.w
-        self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2,), (8,))
-
-    def encode(self, stamp_ns: int, x: float, y: float = 0.0, yaw: float = 0.0) -> bytes:
-        """Return the bytes for position.x = x, position.y = y [m] and an orientation turned by `yaw` about z [rad]."""
-        self._pose[0] = x
-        self._pose[1] = y
-        self._pose[5:] = find_orientation(yaw)
-        _put_stamp(self._buffer, self._stamp, stamp_ns)
-        return bytes(self._buffer)
+    Returns:
+        x and y, and z and w of the orientation.
+    """
+    return [x, y, *find_orientation(yaw)]
 
 
-class OdometryMessage:
-    """A nav_msgs/Odometry on the ground; its numbers are exact, so its covariances are zero."""
+def lay_out_pose(frame: str) -> MessageLayout:
+    """Lay out a geometry_msgs/PoseStamped on the ground.
 
-    def __init__(self, frame: str, child: str) -> None:
-        """Encode the message once.
+    Args:
+        frame: the header's frame_id.
 
-        Args:
-            frame: the header's frame_id.
-            child: child_frame_id, the frame of the twist.
-        """
-        cdr = CdrWriter()
-        self._stamp = cdr.header(frame)
-        cdr.text(child)
-        place = cdr.align(8)
-        cdr.buffer += bytes((7 + 36 + 6 + 36) * 8)
-        self._buffer = cdr.buffer
-        numbers = np.frombuffer(self._buffer, np.float64, 7 + 36 + 6 + 36, place)
-        numbers[6] = 1.0  # orientation.w
-        self._position, self._velocity = numbers[:2], numbers[43:45]
-        self._orientation, self._rate = numbers[5:7], numbers[48:49]
-        self.layout = MessageLayout(bytes(self._buffer), self._stamp, place, (2, 2), (43 * 8, 8))
+    Returns:
+        Its layout; the numbers are those of `list_pose`.
+    """
+    cdr = CdrWriter()
+    stamp = cdr.header(frame)
+    place = cdr.align(8)
+    cdr.buffer += bytes(7 * 8)
+    return MessageLayout(bytes(cdr.buffer), stamp, ((place, 2), (place + 5 * 8, 2)))
 
-    def encode(
-        self,
-        stamp_ns: int,
-        position: np.ndarray | float,
-        velocity: np.ndarray | float,
-        yaw: float = 0.0,
-        rate: float = 0.0,
-    ) -> bytes:
-        """Return the bytes of a message.
 
-        Args:
-            stamp_ns: the header's stamp [ns].
-            position: net translation, a number on a line, shape (2,) in the plane [m].
-            velocity: its velocity along the axes of the child frame, of the same shape [m/s].
-            yaw: angle of the orientation about z [rad].
-            rate: its rate [rad/s].
+def lay_out_odometry(frame: str, child: str) -> MessageLayout:
+    """Lay out a nav_msgs/Odometry on the ground; its numbers are exact, so its covariances are zero.
 
-        Returns:
-            The CDR bytes.
-        """
-        self._orientation[:] = find_orientation(yaw)
-        self._rate[0] = rate
-        self._position[: 1 if isinstance(position, float) else 2] = position
-        self._velocity[: 1 if isinstance(velocity, float) else 2] = velocity
-        _put_stamp(self._buffer, self._stamp, stamp_ns)
-        return bytes(self._buffer)
+    Args:
+        frame: the header's frame_id.
+        child: child_frame_id, the frame of the twist.
+
+    Returns:
+        Its layout; the numbers are those of `list_pose`, the velocity along the two axes of the child frame [m/s], and
+        the rate of the angle [rad/s].
+    """
+    cdr = CdrWriter()
+    stamp = cdr.header(frame)
+    cdr.text(child)
+    place = cdr.align(8)
+    cdr.buffer += bytes((7 + 36 + 6 + 36) * 8)
+    numbers = (place, 2), (place + 5 * 8, 2), (place + 43 * 8, 2), (place + 48 * 8, 1)
+    return MessageLayout(bytes(cdr.buffer), stamp, numbers)
 
 
 class TrajectoryMessage:
@@ -212,22 +216,11 @@ class TrajectoryMessage:
         _put_stamp(buffer, stamp, stamp_ns)
         return bytes(buffer)
 
-    def layout(self, points: int) -> MessageLayout:
-        """Return the layout of a trajectory.
-
-        Args:
-            points: number of its points P.
-
-        Returns:
-            The layout; its numbers are the positions, shape (P, M).
-        """
-        buffer, stamp, _, times = self._layout(points)
-        size = len(self._names)
-        if points == 0:
-            return MessageLayout(bytes(buffer), stamp, 0, (0, size), (0, 8))
-        after = 8 * size + 12  # positions, and the lengths of three empty sequences
-        spacing = times[1] - times[0] if points > 1 else 0
-        return MessageLayout(bytes(buffer), stamp, times[0] - after, (points, size), (spacing, 8), times[0])
+    def layout(self) -> TrajectoryLayout:
+        """Return the layout of all trajectories with these names."""
+        buffer, stamp, _, times = self._layout(2)
+        count, positions = len(self._layout(0)[0]) - 4, times[0] - 8 * len(self._names) - 3 * 4  # three empty sequences
+        return TrajectoryLayout(bytes(buffer), stamp, count, positions, times[1] - times[0], times[0])
 
 
 NO_CHANGE = TrajectoryMessage([]).encode(0, [0], [np.zeros(0)])
@@ -247,13 +240,8 @@ def read_stamp(data: bytes) -> int:
     return int(seconds * NS + ns)
 
 
-CLOCK = MessageLayout(ENCAPSULATION + bytes(_STAMP.size), len(ENCAPSULATION), 0, (0,), (8,))
+CLOCK = MessageLayout(ENCAPSULATION + bytes(_STAMP.size), len(ENCAPSULATION))
 """The layout of a rosgraph_msgs/Clock."""
-
-
-def encode_clock(ns: int) -> bytes:
-    """Encode a rosgraph_msgs/Clock."""
-    return ENCAPSULATION + _STAMP.pack(*divmod(ns, NS))
 
 
 def encode_string(text: str) -> bytes:

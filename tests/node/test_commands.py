@@ -19,8 +19,10 @@ def queue(contacts=3, lock_step=False) -> CommandQueue:
     return CommandQueue(scene.columns, scene.drive.rows[0], lock_step)
 
 
-def take(commands, tick=0):
-    return commands.take(tick * TICK, (tick + 1) * TICK)
+def take(commands, tick=0, lasts_ns=TICK):
+    """Take the vertices of one tick."""
+    taken = commands.take(lasts_ns * np.arange(tick, tick + 2))
+    return list(map(Vertex, taken.due_ns.tolist(), taken.rows))
 
 
 def test_nothing_new_is_a_hold():
@@ -73,7 +75,7 @@ def test_pairing_makes_strategy_a_come_out_right():
             for k, (send, values) in enumerate(accept[::-1] if order == "friction first" else accept):
                 send(values)
                 if order != "paired":
-                    for vertex in commands.take(2 * tick + k, 2 * tick + k + 1):
+                    for vertex in take(commands, 2 * tick + k, lasts_ns=1):
                         crawler.follow(vertex.row[None])
             for vertex in take(commands, tick):
                 crawler.follow(vertex.row[None])
@@ -212,7 +214,7 @@ def test_trajectories_join_the_path_as_defined(seed):
             fresh = path.join(trajectory, tick * TICK, (tick + 1) * TICK, fresh)
             assert listed(path.ahead) == listed(expected)
             assert fresh == fresh_then
-        path.follow(tick * TICK, (tick + 1) * TICK)
+        path.follow(TICK * np.arange(tick, tick + 2), np.zeros(2))
 
 
 def vertices_read(count):
@@ -400,7 +402,7 @@ def test_loads_in_the_plane_are_a_pair_for_all_or_one_each():
             commands.accept_loads(values)
     with pytest.raises(CommandError, match=r"load command: the loads sum to \[3, 0\] N, 3 N long"):
         commands.accept_loads([1.5, 0.0])
-    rows = [vertex.row[-4:].tolist() for vertex in commands.take(0, 1000)]
+    rows = [vertex.row[-4:].tolist() for vertex in take(commands, lasts_ns=1000)]
     assert [0.25, 0.5, 0.25, 0.5] in rows
     assert [0.25, 0.5, -0.5, 0.0] in rows
 
@@ -413,12 +415,12 @@ def test_after_a_refused_tick_waiting_messages_remain_and_a_running_trajectory_e
         commands.accept_actuation([k, 0.0])
     commands.accept_trajectory(["link_1"], [TICK, 3 * TICK], [[1.0], [3.0]], 0)
     (refused,) = take(commands)
-    commands.resume(before)
+    commands.resume(before, TICK)
     (vertex,) = take(commands, 1)
     assert (refused.row[0], vertex.row[0]) == (1.0, 2.0)
     taken = take(commands, 2)
     assert taken[-1].row[:2].tolist() == [2.0, 1.0]
-    commands.resume(vertex.row)
+    commands.resume(vertex.row, 3 * TICK)
     assert commands.is_idle
     assert take(commands, 3) == []
 
@@ -435,15 +437,15 @@ def test_vertices_taken_ahead_are_those_of_one_tick_after_another_to_the_bit(loc
         take(commands)  # the trajectory joins the path
     tick, ended = 1, False
     while not ended:
-        ends_ns = TICK * np.arange(tick + 1, tick + 1 + random.integers(1, 6))
-        taken = ahead.take_ahead(TICK * tick, ends_ns)
+        taken = ahead.take(TICK * np.arange(tick, tick + 1 + random.integers(1, 6)))
         for k in range(taken.first.size - 1):
-            vertices = take(alone, tick + k)
+            one = alone.take(TICK * np.arange(tick + k, tick + k + 2))
             which = slice(*taken.first[k : k + 2])
-            assert [v.due_ns for v in vertices] == taken.due_ns[which].tolist()
-            assert [v.row.tobytes() for v in vertices] == [row.tobytes() for row in taken.rows[which]]
-            ended = ended or alone.ended
-            assert (taken.ended == k) == alone.ended
+            assert one.times_ns.tolist() == taken.times_ns[k : k + 2].tolist()
+            assert one.due_ns.tolist() == taken.due_ns[which].tolist()
+            assert one.rows.tobytes() == taken.rows[which].tobytes()
+            ended = ended or one.ended == 0
+            assert (taken.ended == k) == (one.ended == 0)
         assert ahead.now_ns == alone.now_ns
         assert ahead.in_force.tobytes() == alone.in_force.tobytes()
         tick += taken.first.size - 1

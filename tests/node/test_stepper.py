@@ -1,10 +1,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from types import SimpleNamespace
 
 import pytest
 
+from crawler_model.motion.jump import Jump
 from crawler_ros.node.counts import Counts
 from crawler_ros.node.stepper import Stepper
 
@@ -27,12 +27,12 @@ def test_simulated_time_is_exact():
 def test_it_is_over_at_the_end_of_the_tick_that_reaches_the_duration(rate):
     duration = 2.5 / float(rate)
     stepper = Stepper(rate, duration=duration)
-    ends = stepper.ends_ns(16)
-    assert (ends / 1e9 < duration).tolist() == [True, True, False]
+    times = stepper.times_ns(16)
+    assert (times / 1e9 < duration).tolist() == [True, True, True, False]
     stepper.finish(2)
     assert not stepper.rests
     stepper.finish()
-    assert stepper.now_ns == ends[-1]
+    assert stepper.now_ns == times[-1]
     assert stepper.rests
     stepper.reset(0)
     assert not stepper.rests
@@ -149,8 +149,6 @@ def test_pauses_and_resets_do_not_change_the_factor_achieved():
 def test_counts_add_up_the_accounts_of_ticks():
     counts = Counts()
     for k, stability in enumerate((0.4, 0.1, 0.3), start=1):
-        step = SimpleNamespace(
-            unique=k == 2, overspent=k > 1, unsolved=k > 2, jumps=[None] * (k - 1), jump_loss=0.5 * k
-        )
-        counts.add(step, stability)
-    assert counts == Counts(2, 2, 1, 3, 2.5, 0, 0.1)
+        counts.add(ambiguous=k == 2, overspent=k > 1, unsolved=k > 2)
+        counts.add_jumps([Jump(0, 0.0, 0, None, 0.0, 0.5 * k)] * (k - 1), stability)
+    assert counts == Counts(1, 2, 1, 3, 4.0, 0, 0.1)

@@ -12,7 +12,7 @@ import pytest
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.replay import analyse
-from crawler_ros.wire.messages import OdometryMessage
+from crawler_ros.wire.messages import lay_out_odometry
 
 from ..commands import crawler
 from ..recordings import attachments, messages, record, rewrite, write
@@ -54,8 +54,7 @@ def odometry(name, stamp, data):
     if name != "pose":
         return [(name, stamp, data)]
     x, y, _, _, _, z, w = np.frombuffer(data[-56:])
-    message = OdometryMessage("world", "base_link")
-    return [("odom", stamp, message.encode(stamp, np.array([x, y]), np.zeros(2), 2.0 * np.arctan2(z, w), 0.0))]
+    return [("odom", stamp, lay_out_odometry("world", "base_link").encode(stamp, [x, y, z, w, 0.0, 0.0, 0.0]))]
 
 
 def test_without_a_scene_the_yaw_is_that_of_the_pose_or_of_the_odometry(bag, run, tmp_path):

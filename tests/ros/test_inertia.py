@@ -35,3 +35,13 @@ def test_diagnostics_report_the_number_since_the_last_reset(ros, tmp_path, lock_
     assert value(ros, "simulation", "relative deviation of the gain by inertia") == "not to be predicted"
     assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
     wait_until(lambda: value(ros, "simulation", "inertia number") == "0", what="the number after a reset")
+
+
+def test_ticks_of_a_body_too_long_to_follow_its_pieces_have_a_number(ros, tmp_path):
+    """Their mean velocities stand for those of pieces, so that each tick is followed by itself."""
+    scene = tmp_path / "long.yaml"
+    contacts = ", ".join(f"{0.2 * k:.1f}" for k in range(1001))
+    scene.write_text(SCENE.replace("[0.0, 0.2]", f"[{contacts}]"))
+    ros.simulator(f"scene:={scene}", "lock_step:=true", hear=("joint_states", "/diagnostics"))
+    ros.publish("joint_trajectory", trajectory(["link_0"], (0.5, [0.1]), (1.0, [0.0])))
+    wait_until(lambda: value(ros, "simulation", "inertia number") not in ("", "0"), what="a number")

@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from crawler_model import load_scene
+from crawler_ros.node.encoder import LEDGER, STATES, TickEncoder
+from crawler_ros.node.intake.commanded_path import Vertices
+from crawler_ros.recording.record_head import message_head
 from crawler_ros.wire.messages import (
+    CLOCK,
     JointStateMessage,
-    PoseMessage,
     TrajectoryMessage,
-    encode_clock,
     encode_diagnostics,
+    lay_out_odometry,
+    lay_out_pose,
+    list_pose,
 )
+from crawler_ros.wire.states import contact_names, joint_state_names
 from crawler_ros.wire.topics import message_class
 
 pytest.importorskip("rclpy")
@@ -30,7 +37,7 @@ def joint_state(names=("contact_0", "link_0", "link_11"), frame=""):
 
 
 def pose(frame="world"):
-    return "geometry_msgs/msg/PoseStamped", PoseMessage(frame).encode(STAMP, -1.5)
+    return "geometry_msgs/msg/PoseStamped", lay_out_pose(frame).encode(STAMP, list_pose(-1.5))
 
 
 def trajectory(points=2, contacts=3):
@@ -50,7 +57,7 @@ EVERY = [
     *[pose(frame) for frame in ("", "w", "ab", "abc", "world")],
     *[trajectory(points, contacts) for points in (0, 1, 2, 9) for contacts in (2, 3, 4)],
     diagnostics(),
-    ("rosgraph_msgs/msg/Clock", encode_clock(STAMP)),
+    ("rosgraph_msgs/msg/Clock", CLOCK.encode(STAMP)),
 ]
 
 
@@ -65,6 +72,46 @@ def test_ros_reads_what_rosbags_reads(kind, data):
     ours = STORE.deserialize_cdr(data, kind)
     theirs = deserialize_message(data, message_class(kind))
     assert_same(ours, theirs)
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+@pytest.mark.parametrize("name", ["three_contacts_two_ways", "steering_inchworm"])
+def test_ticks_together_have_the_bytes_of_single_messages(name, recorded):
+    """Ledgers of none, one and three points, the states of two of three ticks, and the heads of their records."""
+    scene, random = load_scene(name), np.random.default_rng(3)
+    topics = (LEDGER, *STATES)
+    encoder = TickEncoder(scene, "world", {topic: k if recorded else -1 for k, topic in enumerate(topics)})
+    for table in (encoder.joints, encoder.contacts, encoder.poses):
+        table[:] = random.normal(size=table.shape)
+    times, due = 100_000_001 * np.array([12, 13, 14, 15]), 100_000_001 * np.array([11, 14, 15, 15])
+    rows, first = random.normal(size=(4, scene.columns.count)), [0, 1, 1, 4]
+    numbers, sent = 7 * np.arange(6), np.array([True, False, True])
+    data, places = encoder.encode(
+        Vertices(times, due, rows, np.array(first), 2), True, np.array([True, True, True]), sent, (10**18, 300, numbers)
+    )
+    joints, contacts = (
+        JointStateMessage(joint_state_names(scene.body)),
+        JointStateMessage(contact_names(scene.body), "world"),
+    )
+    ledger, expected = TrajectoryMessage(list(scene.columns.names)), b""
+    for tick, end in enumerate(times[1:].tolist()):
+        which = slice(first[tick], first[tick + 1])
+        begin, pose = int(times[tick]), encoder.poses[tick].tolist()
+        joints.numbers[:], contacts.numbers[:] = encoder.joints[tick], encoder.contacts[tick]
+        messages = [
+            ledger.encode(begin, [max(d - begin, 0) for d in due[which].tolist()], rows[which]),
+            joints.encode(end),
+            contacts.encode(end),
+            lay_out_pose("world").encode(end, pose[:4]),
+            lay_out_odometry("world", "base_link").encode(end, pose),
+            CLOCK.encode(end),
+        ]
+        assert places[tick][0] == len(expected)
+        for channel, message in enumerate(messages if sent[tick] else messages[:1]):
+            number, ns = 7 * channel + (tick if channel == 0 else tick // 2), 10**18 - 300 + 100 * (tick + 1)
+            expected += message_head(channel + 1, number, ns, ns, len(message)) * recorded + message
+    assert bytes(data) == expected
+    assert numbers.tolist() == ([3, 9, 16, 23, 30, 37] if recorded else [0, 7, 14, 21, 28, 35])
 
 
 def assert_same(one, other):

@@ -142,10 +142,21 @@ def test_it_must_be_a_whole_number_from_one_on(ros):
 
 
 @pytest.mark.parametrize("lock_step", [False, True])
-@pytest.mark.parametrize(("contacts", "every", "more"), [(2, 1, ()), (3, 7, ("odom",)), (10, 1, ("odom", "clock"))])
-def test_ticks_at_once_are_those_one_after_another_to_the_bit(tmp_path, lock_step, contacts, every, more):
+@pytest.mark.parametrize(
+    ("scene", "every", "more"),
+    [
+        (2, 1, ()),
+        (3, 7, ("odom",)),
+        (10, 1, ("odom", "clock")),
+        ("tendon_worm", 3, ()),
+        ("leaving_ice", 1, ()),
+        ("planar_three_points", 3, ("odom",)),
+        ("steering_inchworm", 1, ("odom", "clock")),
+    ],
+)
+def test_ticks_at_once_are_those_one_after_another_to_the_bit(tmp_path, lock_step, scene, every, more):
     """Messages, their order in the file, the state and the account of random trajectories and arrays, recorded by real nodes."""
-    runs = [record(tmp_path / str(k), k == 1, lock_step, contacts, every, more) for k in range(2)]
+    runs = [record(tmp_path / str(k), k == 1, lock_step, scene, every, more) for k in range(2)]
     assert runs[0] == runs[1]
     (recording,) = (tmp_path / "1").glob("*/")
     replay = analyse(recording)
@@ -153,10 +164,10 @@ def test_ticks_at_once_are_those_one_after_another_to_the_bit(tmp_path, lock_ste
     assert replay.comparison.identical
 
 
-def record(folder, at_once, lock_step, contacts, every, more):
+def record(folder, at_once, lock_step, scene, every, more):
     folder.mkdir()
     values = {
-        "scene": write_chain(folder.parent, contacts),
+        "scene": write_chain(folder.parent, scene) if isinstance(scene, int) else scene,
         "rate": 1000.0,
         "real_time_factor": 0.0,
         "lock_step": str(lock_step).lower(),
@@ -177,6 +188,7 @@ def record(folder, at_once, lock_step, contacts, every, more):
                 node.ticks.crawler._state.bits(),
                 node.ticks.crawler.row.tobytes(),
                 node.ticks.certificates.judge(),
+                node.ticks.counts,
                 node.stepper.tick,
             )
             node.close()
@@ -192,20 +204,16 @@ def record(folder, at_once, lock_step, contacts, every, more):
 def drive(node, at_once):
     rng = random.Random(7)
     names = node.columns.names[: node.columns.lengths]
-    if not at_once:
-        node.ticks.batch = None
     node.ticks.send_start()
     for _ in range(3):
         times = sorted(rng.randint(0, 150) * 10**6 + rng.choice([0, 0, 500]) for _ in range(rng.randint(1, 12)))
-        rows = [[0.2 * rng.random() for _ in names] for _ in times]
+        rest = node.ticks.start.row
+        rows = [[rest[k] + 0.2 * rng.random() for k in range(len(names))] for _ in times]
         node.commands.accept_trajectory(names, times, rows, 0)
         if rng.random() < 0.5:
-            node.commands.accept_actuation([0.1 * rng.random() for _ in names])
+            node.commands.accept_actuation([rest[k] + 0.1 * rng.random() for k in range(len(names))])
         end, most = node.stepper.tick + rng.randint(100, 200), rng.randint(1, 64)
         while node.stepper.tick < end and not (node.lock_step and node.commands.is_idle):
-            if at_once:
-                node.ticks.batch.ticks = min(most, end - node.stepper.tick)
-            if not node._run_ahead():
-                node.ticks.run()
+            node.ticks.run(min(most, end - node.stepper.tick) if at_once else 1)
         node._push_recording(node.stepper.tick * 10**9)
     assert np.isfinite(node.ticks.crawler.displacement).all()

@@ -16,7 +16,7 @@ from crawler_model import Crawler, load_scene, simulate
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.node.robot_description import describe_robot
 from crawler_ros.recording import bag
-from crawler_ros.wire.messages import OdometryMessage, encode_string
+from crawler_ros.wire.messages import encode_string, lay_out_odometry, list_pose
 from crawler_ros.wire.states import joint_state_names, station_names
 from crawler_ros.wire.topics import message_class
 
@@ -99,7 +99,7 @@ def test_odometry_says_what_the_pose_says_and_how_fast(ros):
 
 
 def test_an_odometry_message_is_what_others_decode():
-    data = OdometryMessage("world", "base_link").encode(1_500_000_002, np.array([1.0, 2.0]), np.array([3.0, 4.0]))
+    data = lay_out_odometry("world", "base_link").encode(1_500_000_002, [*list_pose(1.0, 2.0), 3.0, 4.0, 0.0])
     message = DECODE(data, "nav_msgs/msg/Odometry")
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 500_000_002)
     position, velocity = message.pose.pose.position, message.twist.twist.linear

@@ -147,17 +147,12 @@ def test_ticks_at_once_count_the_times_of_single_ones(tmp_path, name, every):
             context.init(args=["--ros-args", *words], domain_id=domain)
             try:
                 node = Simulator(context=context)
-                if not at_once:
-                    node.ticks.batch = None
                 names = node.columns.names[: node.columns.lengths]
                 low = node.scene.drive.actuation.min() - node.scene.drive.actuation.max()
                 rows = [[sign * low] * len(names) for sign in (1.0, 0.0, -1.0, 0.0)]
                 node.commands.accept_trajectory(names, [10**8, 3 * 10**8, 4 * 10**8, 6 * 10**8], rows, 0)
                 while node.stepper.tick < 1000:
-                    if at_once:
-                        node.ticks.batch.ticks = min(64, 1000 - node.stepper.tick)
-                    if not node._run_ahead():
-                        node.ticks.run()
+                    node.ticks.run(min(64, 1000 - node.stepper.tick) if at_once else 1)
                 reports.append((node.ticks.yields.report(), node.ticks.crawler._state.bits()))
                 assert node.ticks.yields.report()[0] == "within the limits of tension"
                 node.close()
@@ -177,7 +172,8 @@ def test_the_elements_of_a_segment_count_on_average(tmp_path):
     times, stalled, (trunk,) = YieldTimes(crawler.body), {"link_0": 0, "trunk": 0}, crawler.body.segments
     for k in range(100):
         crawler.advance([0.0, -0.5 * np.sin(0.1 * k)])
-        times.add(crawler, 10_000_000)
+        lengths = crawler.body.joint_sum(crawler.actuation)
+        times.add(crawler.joint_elongation[None], lengths[None], np.array([10_000_000]))
         u = crawler.shape - crawler.actuation
         stalled["trunk"] += int(u[trunk.springs].mean() > 0.3 * 0.25 / 4.0)
         stalled["link_0"] += int(u[crawler.body.link_springs[0]] > 0.4 / 8.0)

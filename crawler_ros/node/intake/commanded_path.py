@@ -39,21 +39,41 @@ class Vertex(NamedTuple):
 _due_ns = operator.attrgetter("due_ns")
 
 
-@dataclass(frozen=True, eq=False)
-class Vertices:
-    """The vertices of K ticks in order.
+class Vertices(NamedTuple):
+    """What K ticks follow: their vertices in order.
 
     Attributes:
-        due_ns: their times, shape (V,) [ns].
+        times_ns: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns].
+        due_ns: times of the vertices, shape (V,) [ns].
         rows: the rows commanded there, shape (V, C).
         first: the first vertex of each tick, then V, shape (K + 1,).
         ended: the tick in which the commands ended; -1 if they go on after all of the ticks.
     """
 
+    times_ns: np.ndarray
     due_ns: np.ndarray
     rows: np.ndarray
     first: np.ndarray
     ended: int
+
+    def refuse(self, tick: int) -> Vertices:
+        """Leave out the vertices of a tick, which is the last one, and all later ticks: the commands end in it."""
+        count, first = self.first[tick], self.first[: tick + 2].copy()
+        first[-1] = count
+        return Vertices(self.times_ns[: tick + 2], self.due_ns[:count], self.rows[:count], first, tick)
+
+
+def hold(times_ns: np.ndarray, columns: int) -> Vertices:
+    """Build ticks that hold the row in force.
+
+    Args:
+        times_ns: as in `Vertices`, shape (K + 1,) [ns].
+        columns: number of columns of a row C.
+
+    Returns:
+        K ticks without vertices.
+    """
+    return Vertices(times_ns, np.empty(0, np.int64), np.empty((0, columns)), np.zeros(times_ns.size, np.int64), -1)
 
 
 class CommandedPath:
@@ -94,6 +114,15 @@ class CommandedPath:
         part = (ns - before.due_ns) / (vertex.due_ns - before.due_ns)
         return before.row + part * (vertex.row - before.row)
 
+    def replace(self, after_ns: int, vertices: list[Vertex]) -> None:
+        """Replace the waypoints after a time.
+
+        Args:
+            after_ns: simulated time [ns].
+            vertices: the waypoints that follow it.
+        """
+        self.ahead[bisect_right(self.ahead, after_ns, key=_due_ns) :] = vertices
+
     def join(self, trajectory: Trajectory, now_ns: int, end_ns: int, fresh: int) -> int:
         """Let a trajectory replace the path from its start on.
 
@@ -127,44 +156,27 @@ class CommandedPath:
         ahead.extend(map(Vertex, np.maximum(start + trajectory.times_ns, due).tolist(), rows))
         return len(ahead) - stays
 
-    def follow(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Follow the path through one tick, and drop the waypoints that are passed; see `follow_many`.
+    def follow(self, times_ns: np.ndarray, in_force: np.ndarray) -> Vertices:
+        """Follow the path through consecutive ticks, and drop the waypoints that are passed.
 
         Args:
-            start_ns: simulated time at its start [ns].
-            end_ns: simulated time at its end [ns].
-
-        Returns:
-            The waypoints passed, and if the path extends beyond the tick, the point on the straight line at its end.
-        """
-        ahead = self.ahead
-        count = bisect_right(ahead, end_ns, key=_due_ns)
-        passed = ahead[:count]
-        vertices = [v if v.due_ns >= start_ns else Vertex(start_ns, v.row) for v in passed]
-        if count < len(ahead):
-            vertices.append(Vertex(end_ns, self.value_at(end_ns)))
-        if passed:
-            self.anchor = passed[-1]
-            del ahead[:count]
-        return vertices
-
-    def follow_many(self, start_ns: int, ends_ns: np.ndarray, in_force: np.ndarray) -> Vertices:
-        """Follow the path through consecutive ticks, to the bits of `follow`, but faster for many than one by one.
-
-        Args:
-            start_ns: simulated time at the start of the first tick [ns].
-            ends_ns: simulated time at the end of each tick, shape (K,) [ns].
+            times_ns: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns].
             in_force: the command row in force, shape (C,).
 
         Returns:
             The waypoints passed, those already past at the start of the first tick, and where the path extends beyond
             the end of a tick, the point on the straight line there; without those that repeat the row before them.
+            What is past and followed by nothing takes the whole tick.
         """
         ahead = self.ahead
-        count = bisect_right(ahead, ends_ns[-1], key=_due_ns)
+        if not ahead:
+            return hold(times_ns, in_force.size)
+        count = bisect_right(ahead, times_ns[-1], key=_due_ns)
         near = [self.anchor, *ahead[: count + 1]]
         self.anchor = near[count]
         del ahead[:count]
         due = np.array([v.due_ns for v in near], np.int64)
-        rows = np.array([v.row for v in near])
-        return Vertices(*follow_waypoints(due, rows, start_ns, ends_ns, in_force))
+        found = Vertices(times_ns, *follow_waypoints(due, np.array([v.row for v in near]), times_ns, in_force))
+        if found.due_ns.size and not ahead and self.anchor.due_ns <= times_ns[0]:
+            found.due_ns[-1] = times_ns[1]
+        return found

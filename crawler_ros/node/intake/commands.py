@@ -24,7 +24,7 @@ _ROW_BYTES = 128  # of an array or a vertex, besides its numbers
 
 
 class CommandQueue:
-    """Turns messages into the vertices of the next tick. `accept_*` may be called from any thread.
+    """Turns messages into the vertices of the next ticks. `accept_*` may be called from any thread.
 
     In lock-step, messages trigger the ticks, one after another: an actuation array triggers one tick, which follows the
     pending friction arrays as well; a trajectory triggers ticks for its whole duration. No message replaces another, so
@@ -51,9 +51,8 @@ class CommandQueue:
         """Rows dropped because no equilibrium holds their loads, or the frictions of a point do not fit together."""
         self.overdue = 0
         """Trajectories that began when their last point was past, so that one tick followed them from end to end."""
-        self.ended = False
-        """Whether the commands ended in the tick that `take` took last: nothing that was taken goes on after it."""
         self._lengths = columns.lengths
+        self._checks = bool(columns.loads) or columns.joints is not None  # rows, before they are followed
         self._lock = threading.Lock()
         self.reset(in_force)
 
@@ -67,16 +66,16 @@ class CommandQueue:
             self._turns: deque[np.ndarray | Trajectory] = deque()
             self._pending = self._pending_beside = 0
             self.now_ns = self._tick_ns = 0
+        self._checked = False  # whether the rows ahead are to be checked, each of them against the row before
         self._in_force = np.array(in_force)
         self._path = CommandedPath(Vertex(0, self._in_force))
-        self.ended = False
 
     @property
     def in_force(self) -> np.ndarray:
         """The last row that a tick took, shape (C,)."""
         return self._in_force
 
-    def resume(self, in_force: np.ndarray) -> None:
+    def resume(self, in_force: np.ndarray, now_ns: int) -> None:
         """Continue from an earlier row after the rows of a tick were refused.
 
         A running trajectory ends. Messages that wait for later ticks remain; in lock-step each of them still triggers a
@@ -84,10 +83,10 @@ class CommandQueue:
 
         Args:
             in_force: the command row in force, shape (C,).
+            now_ns: simulated time at the end of that tick [ns].
         """
-        self._in_force = in_force
-        self._path.end(Vertex(self.now_ns, in_force))
-        self.ended = True
+        self._in_force, self.now_ns = in_force, now_ns
+        self._path.end(Vertex(now_ns, in_force))
 
     @property
     def waiting(self) -> int:
@@ -244,122 +243,104 @@ class CommandQueue:
         """Whether there is no message left that would trigger a tick in lock-step."""
         return not (self._path.ahead or self._turns)
 
-    def take(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Take the vertices of the tick from `start_ns` to `end_ns`, in the order in which they must be followed.
+    def take(self, times_ns: np.ndarray) -> Vertices:
+        """Take the vertices of the next ticks, in the order in which they must be followed.
 
-        The k-th actuation, friction and load array make one vertex; arrays without a partner make one each. Arrays
-        take equal shares of the tick. A trajectory's points keep their own times, those already past coming first;
-        where it extends beyond the tick, its straight line is followed up to the end of the tick. What is past and
-        followed by nothing takes the whole tick, as an array does. Arrays and trajectories replace each other; the last
-        to arrive counts.
-
-        Args:
-            start_ns: simulated time [ns].
-            end_ns: simulated time [ns].
-
-        Returns:
-            The vertices; an empty list to hold.
-        """
-        self.now_ns, self._tick_ns = end_ns, end_ns - start_ns
-        taken = self._take(start_ns, end_ns)
-        self.ended = bool(taken) and not self._path.ahead
-        vertices = self._without_repeats(taken)
-        if vertices and taken[-1].due_ns <= start_ns:
-            vertices[-1] = Vertex(end_ns, vertices[-1].row)
-        return vertices
-
-    def _take(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Take the vertices of a tick, including repetitions of the row in force."""
-        if self._lock_step:
-            return self._take_turn(start_ns, end_ns)
-        if not (self._actuation or self._beside or self._trajectories or self._path.ahead):
-            return []
-        with self._lock:
-            actuation, self._actuation = self._actuation, []
-            beside, self._beside = self._beside, {}
-            trajectories, self._trajectories = self._trajectories, []
-            self._pending = self._pending_beside = 0
-            trajectory_last = self._last_was_trajectory
-        arrays = bool(actuation or beside)
-        if arrays and trajectory_last:
-            vertices = self._pair(actuation, beside, start_ns, start_ns)
-            self._join_all(trajectories, start_ns, end_ns)
-            return vertices + self._path.follow(start_ns, end_ns)
-        self._join_all(trajectories, start_ns, end_ns)
-        if not arrays:
-            return self._path.follow(start_ns, end_ns)
-        past = [v for v in self._path.ahead if v.due_ns <= start_ns]
-        if past:
-            self._path.anchor = past[-1]
-        return past + self._pair(actuation, beside, start_ns, end_ns)
-
-    def take_ahead(self, start_ns: int, ends_ns: np.ndarray) -> Vertices | None:
-        """Take the vertices of the next ticks at once, as `take` would one after another.
+        Messages that wait are taken for one tick. The k-th actuation, friction and load array make one vertex; arrays
+        without a partner make one each. Arrays take equal shares of the tick. A trajectory's points keep their own
+        times, those already past coming first; where it extends beyond a tick, its straight line is followed up to the
+        end of the tick. What is past and followed by nothing takes the whole tick, as an array does. Arrays and
+        trajectories replace each other; the last to arrive counts.
 
         Args:
-            start_ns: simulated time at the start of the first tick [ns].
-            ends_ns: simulated time at the end of each tick, shape (K,) [ns].
+            times_ns: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns].
 
         Returns:
-            The vertices, in lock-step of fewer ticks if the trajectory ends before; None where `take` is needed,
-            because messages wait or, in lock-step, no trajectory is running.
+            The vertices of K ticks or fewer: of one where messages wait or rows must be checked, in lock-step of those
+            in which the running trajectory goes on.
         """
         path = self._path
-        if self._actuation or self._beside or self._trajectories or self._columns.loads:
-            return None
         if self._lock_step:
-            if not path.ahead:
-                return None
-            ends_ns = ends_ns[: 1 + np.searchsorted(ends_ns, path.ahead[-1].due_ns)]
-        self.now_ns = int(ends_ns[-1])
-        self._tick_ns = self.now_ns - (int(ends_ns[-2]) if ends_ns.size > 1 else start_ns)
-        taken = path.follow_many(start_ns, ends_ns, self._in_force)
+            waits = not path.ahead
+        else:
+            waits = bool(self._actuation or self._beside or self._trajectories)
+        if waits or self._checked:
+            times_ns = times_ns[:2]
+        elif self._lock_step:
+            times_ns = times_ns[: 2 + np.searchsorted(times_ns[1:], path.ahead[-1].due_ns)]
+        before_ns, self.now_ns = times_ns[-2:].tolist()
+        self._tick_ns = self.now_ns - before_ns
+        if waits:
+            self._lay_messages(before_ns, self.now_ns)
+            bounds = self._bounds(self._in_force)
+            self._checked = self._checks and any(self._bounds(v.row) != bounds for v in path.ahead)
+        taken = path.follow(times_ns, self._in_force)
+        if self._checked:
+            taken = self._without_unheld(taken)
         if taken.due_ns.size:
             self._in_force = taken.rows[-1]
         return taken
 
-    def _take_turn(self, start_ns: int, end_ns: int) -> list[Vertex]:
-        """Take the vertices of a tick in lock-step: of the running trajectory, else of the earliest message."""
-        if self._path.ahead:
-            return self._path.follow(start_ns, end_ns)
+    def _bounds(self, row: np.ndarray) -> bytes:
+        """Return the friction and the loads of a row: without a change of them each row can be followed."""
+        return row[self._lengths :].tobytes()
+
+    def _lay_messages(self, start_ns: int, end_ns: int) -> None:
+        """Lay what waits for the tick on the path: in lock-step the earliest message with the arrays beside it."""
+        actuation: list[np.ndarray] = []
+        beside: dict[int, list[np.ndarray]] = {}
+        trajectories: list[Trajectory] = []
         with self._lock:
-            if not self._turns:
-                return []
-            turn = self._turns.popleft()
-            if isinstance(turn, Trajectory):
-                beside: dict[int, list[np.ndarray]] = {}
-                self._pending -= turn.times_ns.size + 1
+            if self._lock_step:
+                if not self._turns:
+                    return
+                turn = self._turns.popleft()
+                if isinstance(turn, Trajectory):
+                    trajectories = [turn]
+                    self._pending -= turn.times_ns.size + 1
+                else:
+                    actuation, beside, self._beside = [turn], self._beside, {}
+                    self._pending -= 1
+                    self._pending_beside = 0
             else:
+                actuation, self._actuation = self._actuation, []
                 beside, self._beside = self._beside, {}
-                self._pending -= 1
-                self._pending_beside = 0
-        if isinstance(turn, Trajectory):
-            self._join(turn, start_ns, end_ns, 0)
-            return self._path.follow(start_ns, end_ns)
-        return self._pair([turn], beside, start_ns, end_ns)
+                trajectories, self._trajectories = self._trajectories, []
+                self._pending = self._pending_beside = 0
+            trajectory_last = self._last_was_trajectory
+        if not (actuation or beside):
+            self._join_all(trajectories, start_ns, end_ns)
+        elif trajectory_last:
+            self._lay_arrays(actuation, beside, start_ns, start_ns)
+            self._join_all(trajectories, start_ns, end_ns)
+        else:
+            self._join_all(trajectories, start_ns, end_ns)
+            self._lay_arrays(actuation, beside, start_ns, end_ns)
 
-    def _without_repeats(self, vertices: list[Vertex]) -> list[Vertex]:
-        """Leave out the vertices that only repeat the row in force; drop and count vertices that cannot be followed."""
-        kept = []
-        for vertex in vertices:
-            if vertex.row.tobytes() == self._in_force.tobytes():
+    def _without_unheld(self, taken: Vertices) -> Vertices:
+        """Drop and count the vertices of a tick that cannot be followed; leave out what then repeats the row before."""
+        kept, in_force = [], self._in_force
+        for k, row in enumerate(taken.rows):
+            if checks.is_held(self._columns, row, in_force):
+                if row.tobytes() != in_force.tobytes():
+                    kept.append(k)
+                    in_force = row
                 continue
-            if checks.is_held(self._columns, vertex.row, self._in_force):
-                kept.append(vertex)
-                self._in_force = vertex.row
-            else:
-                self.unheld += 1
-                anchor = self._path.anchor
-                if anchor.row.tobytes() == vertex.row.tobytes():  # commands that follow do not start from it
-                    self._path.anchor = Vertex(anchor.due_ns, self._in_force)
-        return kept
+            self.unheld += 1
+            anchor = self._path.anchor
+            if anchor.row.tobytes() == row.tobytes():  # commands that follow do not start from it
+                self._path.anchor = Vertex(anchor.due_ns, in_force)
+        if len(kept) == taken.due_ns.size:
+            return taken
+        first = np.array([0, len(kept)])
+        return taken._replace(due_ns=taken.due_ns[kept], rows=taken.rows[kept], first=first)
 
-    def _pair(
+    def _lay_arrays(
         self, actuation: list[np.ndarray], beside: dict[int, list[np.ndarray]], start_ns: int, end_ns: int
-    ) -> list[Vertex]:
+    ) -> None:
+        """Replace the path after `start_ns` by a vertex for each set of arrays."""
+        row, vertices = self._path.value_at(start_ns), []
         count = max(len(actuation), *map(len, beside.values()), 0)
-        row = self._path.value_at(start_ns)
-        vertices = []
         for k in range(count):
             row = row.copy()
             if k < len(actuation):
@@ -368,8 +349,7 @@ class CommandQueue:
                 if k < len(waiting):
                     row[first : first + waiting[k].size] = waiting[k]
             vertices.append(Vertex(start_ns + (end_ns - start_ns) * (k + 1) // count, row))
-        self._path.end(vertices[-1])  # at the end of the tick
-        return vertices
+        self._path.replace(start_ns, vertices)
 
     def _join_all(self, trajectories: list[Trajectory], now_ns: int, end_ns: int) -> None:
         fresh = 0

@@ -131,7 +131,7 @@ def test_ticks_of_a_node_have_the_number_of_the_run():
     path = np.tile(scene.drive.rows[0], (grid.size, 1))
     path[:, 0] = np.interp(grid, np.append(0, due), np.append(0.0, lengths))
     first = np.concatenate(([0], np.searchsorted(grid, ends, side="right")))
-    add_ticks(meter, scene.columns, Vertices(grid, path, first, -1), 0, ends)
+    add_ticks(meter, scene.columns, Vertices(np.append(0, ends), grid, path, first, -1))
     assert meter.result().number == pytest.approx(AT_ONE_SECOND, rel=1e-9)
     assert meter.result().period_for_1_percent is not None
 
@@ -141,8 +141,8 @@ def test_ticks_that_hold_are_stops():
     meter = start_meter(scene)
     row = scene.drive.rows[0].copy()
     row[0] = 0.02
-    taken = Vertices(np.array([100_000_000]), row[None], np.array([0, 1, 1]), 0)
-    add_ticks(meter, scene.columns, taken, 0, np.array([100_000_000, 200_000_000]))
+    taken = Vertices(100_000_000 * np.arange(3), np.array([100_000_000]), row[None], np.array([0, 1, 1]), 0)
+    add_ticks(meter, scene.columns, taken)
     found = meter.result()
     assert (found.time, found.contact) == (pytest.approx(0.025), 1)
     assert found.number == pytest.approx(AT_ONE_SECOND, rel=1e-9)
