@@ -15,7 +15,7 @@ from crawler_model.run.ticks import rational_rate, tick_end_ns
 from crawler_ros.recording.attachments import versions
 from crawler_ros.recording.bag import read
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.wire.messages import JointStateMessage, TrajectoryMessage, lay_out_pose, list_pose
+from crawler_ros.wire.messages import TrajectoryMessage, lay_out_joint_state, lay_out_pose, list_pose
 from crawler_ros.wire.states import contact_names, joint_state_names, shown_contacts
 from crawler_ros.wire.topics import read_topics
 
@@ -57,16 +57,15 @@ def messages(scene: Scene, ticks, rate: float = 100.0, crawler: Crawler | None =
     crawler = crawler or Crawler(scene)
     ratio = rational_rate(rate)
     ledger = TrajectoryMessage(list(scene.columns.names))
-    joints, contacts = (
-        JointStateMessage(joint_state_names(scene.body)),
-        JointStateMessage(contact_names(scene.body), "world"),
-    )
+    names = joint_state_names(scene.body), contact_names(scene.body)
+    joints, contacts = lay_out_joint_state(names[0]), lay_out_joint_state(names[1], "world")
+    of_joints, of_contacts = (np.zeros((3, len(each))) for each in names)
     pose, readout = lay_out_pose("world"), Readout(scene.body, shown_contacts(scene.body))
 
     def states(ns: int, seconds: float) -> Iterator[Message]:
-        readout.read(crawler, seconds, joints.numbers, contacts.numbers)
-        yield "joint_states", ns, joints.encode(ns)
-        yield "contact_states", ns, contacts.encode(ns)
+        readout.read(crawler, seconds, of_joints, of_contacts)
+        yield "joint_states", ns, joints.encode(ns, of_joints.ravel())
+        yield "contact_states", ns, contacts.encode(ns, of_contacts.ravel())
         yield "pose", ns, pose.encode(ns, list_pose(*np.atleast_1d(crawler.net_translation), yaw=crawler.yaw))
 
     yield from states(0, np.inf)

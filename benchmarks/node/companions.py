@@ -22,7 +22,7 @@ from crawler_model.body.names import name_each
 from crawler_ros.node.life.stop import StopFlag
 from crawler_ros.node.stepper import Stepper
 from crawler_ros.wire.definitions import find_ament_prefix
-from crawler_ros.wire.messages import JointStateMessage
+from crawler_ros.wire.messages import lay_out_joint_state
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 from tests.processes import wait_until
 
@@ -79,13 +79,14 @@ def echo(links: int) -> None:
         topics = read_topics()
         commands, states = topics["actuation_controller/commands"], topics["joint_states"]
         publisher = node.create_publisher(message_class(states.type), states.name, qos_profile(states))
-        state, count = JointStateMessage(["contact_0", *name_each("link", links)]), itertools.count(1)
+        state, count = lay_out_joint_state(["contact_0", *name_each("link", links)]), itertools.count(1)
+        numbers = [0.0] * 3 * (1 + links)
 
         def answer(_: bytes) -> None:
-            publisher.publish(state.encode(next(count) * NS // 1000))
+            publisher.publish(state.encode(next(count) * NS // 1000, numbers))
 
         def begin() -> None:  # state 0, repeated for newcomers
-            publisher.publish(state.encode(0))
+            publisher.publish(state.encode(0, numbers))
 
         node.create_timer(0.05, begin)
         node.create_subscription(message_class(commands.type), commands.name, answer, qos_profile(commands), raw=True)

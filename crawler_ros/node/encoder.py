@@ -11,7 +11,7 @@ from crawler_model import Scene
 from crawler_model.crawler.readout import Readout
 
 from ..recording.record_head import message_head
-from ..wire.messages import CLOCK, JointStateMessage, TrajectoryMessage, lay_out_odometry, lay_out_pose
+from ..wire.messages import CLOCK, TrajectoryMessage, lay_out_joint_state, lay_out_odometry, lay_out_pose
 from ..wire.states import contact_names, joint_state_names, shown_contacts
 from .intake.commanded_path import Vertices
 from .kernels import encode_ticks
@@ -45,9 +45,8 @@ class TickEncoder:
         self.readout = Readout(body, shown_contacts(body) if shown else np.zeros(0, np.int64))
         self.most = max(1, min(_MOST_TICKS, _MOST_CONTACTS // body.contacts))
         """Largest number of ticks that are encoded together."""
-        joints = JointStateMessage(joint_state_names(body))
-        contacts = JointStateMessage(contact_names(body) if shown else [], frame)
-        widths = joints.numbers.size, contacts.numbers.size, 7
+        joint_names, shown_names = joint_state_names(body), contact_names(body) if shown else []
+        widths = 3 * len(joint_names), 3 * len(shown_names), 7
         ends = self.most * np.cumsum((0, *widths))
         numbers = np.empty(ends[-1])
         of_joints, of_contacts, poses = (
@@ -61,8 +60,8 @@ class TickEncoder:
         poses[:] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
 
         layouts = {
-            "joint_states": (joints.layout, ends[0], widths[0]),
-            "contact_states": (contacts.layout, ends[1], widths[1]),
+            "joint_states": (lay_out_joint_state(joint_names), ends[0], widths[0]),
+            "contact_states": (lay_out_joint_state(shown_names, frame), ends[1], widths[1]),
             "pose": (lay_out_pose(frame), ends[2], widths[2]),
             "odom": (lay_out_odometry(frame, "base_link"), ends[2], widths[2]),
             "/clock": (CLOCK, 0, 0),
@@ -81,13 +80,13 @@ class TickEncoder:
                 states += layout.data
                 self.places[name] = begin, len(states)
         self._states = _as_bytes(states), np.array(messages), np.array(fields), numbers.view(np.uint8)
-        ledger = TrajectoryMessage(list(scene.columns.names)).layout()
+        ledger = TrajectoryMessage(scene.columns.names)
         channel = channels.get(LEDGER, -1)
         head, data = _add_head(b"", channel, 0)
         self.ledger_begins = begin = len(data)
         """Where the message begins in the ledger."""
-        places = [channel, head, *(begin + p for p in (ledger.stamp, ledger.count, ledger.positions)), ledger.spacing]
-        self._ledger = _as_bytes(data + ledger.data), np.array([*places, begin + ledger.times])
+        places = [begin + place for place in (ledger.stamp, ledger.count, ledger.points)]
+        self._ledger = _as_bytes(data + ledger.data), np.array([channel, head, *places, ledger.spacing, ledger.time])
         self._most_bytes, self._spacing = self._states[0].size + self._ledger[0].size, ledger.spacing
         self._bounds = np.empty((self.most, 3), np.int64)
 

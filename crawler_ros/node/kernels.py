@@ -64,7 +64,7 @@ def encode_ticks(states, ledger, ticks, taken, recorded, output):
             them its place, the place of the doubles of the first tick in `numbers`, their spacing from tick to tick and
             their size, all in bytes, shape (F, 4); and `numbers`, the bytes of the doubles of all ticks that are read.
         ledger: a trajectory of two points, encoded: its bytes, with the head of its record if it has one; its channel
-            and the place of that head, or -1, and the places of `TrajectoryLayout`, shape (7,); and whether there is a
+            and the place of that head, or -1, and the places of `TrajectoryMessage`, shape (7,); and whether there is a
             ledger.
         ticks: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns]; whether each
             is read, and whether its states are sent, shape (K,).
@@ -104,17 +104,17 @@ def _encode_ledger(ledger, taken, tick, begin_ns, next_numbers, recorded_ns, out
     """Encode the commands of a tick; return where they end."""
     data, places, _ = ledger
     due_ns, rows, first = taken
-    channel, head, stamp, count, positions, spacing, times = places
+    channel, head, stamp, count, first_point, spacing, time = places
     points, end = first[tick + 1] - first[tick], place + count + 4
-    _copy(out, place, data, 0, count + 4 if points == 0 else positions)
+    _copy(out, place, data, 0, count + 4 if points == 0 else first_point)
     _put(out, place + count, 4, points)
     _put_time(out, place + stamp, begin_ns)
     for point in range(points):
-        vertex, begin = first[tick] + point, place + positions + point * spacing
+        vertex, begin = first[tick] + point, place + first_point + point * spacing
         end = begin + spacing - 4  # without the number of the next point's positions
-        _copy(out, begin, data, positions, spacing - 4 if point == points - 1 else spacing)
+        _copy(out, begin, data, first_point, spacing - 4 if point == points - 1 else spacing)
         _copy(out, begin, rows[vertex], 0, rows.shape[1])
-        _put_time(out, begin + times - positions, max(due_ns[vertex] - begin_ns, 0))
+        _put_time(out, begin + time, max(due_ns[vertex] - begin_ns, 0))
     if channel >= 0:
         _put(out, place + head + _HEAD_LENGTH, 8, end - place - head - SIZED)
         _put_head(out, place + head, next_numbers, channel, recorded_ns)

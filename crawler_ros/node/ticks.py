@@ -75,6 +75,7 @@ class Ticks:
         self.most = outgoing.encoder.most if feed is None else 1
         """Largest number of ticks at once; the live view is shown between them."""
         self._ahead = min(self.most, 16)
+        self._always = np.ones(self.most, np.bool_)
         self._moved = np.empty((self.most, 2, scene.body.contacts))
 
     def _count_anew(self) -> None:
@@ -111,11 +112,11 @@ class Ticks:
         """
         began_ns, tick, in_force = time.monotonic_ns(), self._stepper.tick, self._commands.in_force
         taken = self._commands.take(self._stepper.times_ns(min(most, self.most)))
-        sent = np.zeros(taken.first.size - 1, np.bool_)
-        sent[-(tick + 1) % self._every :: self._every] = True
+        always = self._always[: taken.first.size - 1]
+        sent = always if self._every == 1 else (np.arange(tick + 1, tick + 1 + always.size) % self._every == 0)
         if shown or taken.ended >= 0:
             sent[taken.ended] = True
-        read = sent if self.yields is None else np.ones(sent.size, np.bool_)
+        read = sent if self.yields is None else always
         x: list[np.ndarray] = []
         jumps: _Jumps = {}
         if self._compiled:

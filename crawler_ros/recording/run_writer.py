@@ -14,7 +14,7 @@ import numpy as np
 from crawler_model import Crawler, Scene
 from crawler_model.run.ticks import tick_end_ns
 
-from ..wire.messages import JointStateMessage, TrajectoryMessage, lay_out_pose, list_pose
+from ..wire.messages import TrajectoryMessage, lay_out_joint_state, lay_out_pose, list_pose
 from ..wire.states import contact_names, joint_state_names
 from ..wire.topics import read_topics
 from .attachments import describe_run
@@ -77,16 +77,14 @@ def _write_ticks(
     bag: BagWriter, scene: Scene, rate: Fraction, ticks: Iterable[RecordedTick], channels: dict[str, int]
 ) -> None:
     body, now = scene.body, time.time_ns()
-    ledger = TrajectoryMessage(list(scene.columns.names))
-    joints, contacts = JointStateMessage(joint_state_names(body)), JointStateMessage(contact_names(body), _FRAME)
+    ledger = TrajectoryMessage(scene.columns.names)
+    joints, contacts = lay_out_joint_state(joint_state_names(body)), lay_out_joint_state(contact_names(body), _FRAME)
     pose = lay_out_pose(_FRAME)
     for k, tick in enumerate(ticks):
         ns = tick_end_ns(k, rate)
-        joints.numbers[:] = tick.joints.reshape(joints.numbers.shape)
-        contacts.numbers[:] = tick.contacts.reshape(contacts.numbers.shape)
         found = [
-            ("joint_states", joints.encode(ns)),
-            ("contact_states", contacts.encode(ns)),
+            ("joint_states", joints.encode(ns, tick.joints.ravel())),
+            ("contact_states", contacts.encode(ns, tick.contacts.ravel())),
             ("pose", pose.encode(ns, list_pose(*tick.pose))),
         ]
         if k:

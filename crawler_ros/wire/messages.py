@@ -39,7 +39,7 @@ class MessageLayout:
     stamp: int
     numbers: tuple[tuple[int, int], ...] = ()
 
-    def encode(self, stamp_ns: int, numbers: Sequence[float] = ()) -> bytes:
+    def encode(self, stamp_ns: int, numbers: Sequence[float] | np.ndarray = ()) -> bytes:
         """Return the bytes of a message.
 
         Args:
@@ -54,53 +54,21 @@ class MessageLayout:
         return bytes(buffer)
 
 
-@dataclass(frozen=True)
-class TrajectoryLayout:
-    """An encoded trajectory of two points, from which one with any number of points can be put together.
+def lay_out_joint_state(names: Sequence[str], frame: str = "") -> MessageLayout:
+    """Lay out a sensor_msgs/JointState.
 
-    Attributes:
-        data: the CDR bytes; without points it ends behind their number.
-        stamp: place of the stamp.
-        count: place of the number of points, an integer of 4 bytes.
-        positions: place of the positions of the first point.
-        spacing: bytes from one point to the next; the last point ends 4 bytes earlier.
-        times: place of the time of the first point, two integers of 4 bytes.
+    Args:
+        names: the M joint names.
+        frame: the header's frame_id.
+
+    Returns:
+        Its layout; the numbers are the positions, the velocities and the efforts.
     """
-
-    data: bytes
-    stamp: int
-    count: int
-    positions: int
-    spacing: int
-    times: int
-
-
-class JointStateMessage:
-    """A sensor_msgs/JointState with fixed names."""
-
-    def __init__(self, names: Sequence[str], frame: str = "") -> None:
-        """Encode the message once.
-
-        Args:
-            names: the M joint names.
-            frame: the header's frame_id.
-        """
-        cdr = CdrWriter()
-        self._stamp = cdr.header(frame)
-        cdr.texts(names)
-        places = [cdr.doubles(len(names)) for _ in range(3)]
-        self._buffer = cdr.buffer
-        # three sequences of equal length are equally spaced: they are the rows of one array
-        spacing = places[1] - places[0]
-        self.numbers = np.ndarray((3, len(names)), np.float64, self._buffer, places[0], (spacing, 8))
-        self.position, self.velocity, self.effort = self.numbers
-        self.layout = MessageLayout(bytes(self._buffer), self._stamp, tuple((p, len(names)) for p in places))
-        """Its numbers: the three sequences of `numbers`."""
-
-    def encode(self, stamp_ns: int) -> bytes:
-        """Return the bytes for the present `position`, `velocity` and `effort`, the rows of `numbers`, (3, M)."""
-        _put_stamp(self._buffer, self._stamp, stamp_ns)
-        return bytes(self._buffer)
+    cdr = CdrWriter()
+    stamp = cdr.header(frame)
+    cdr.texts(names)
+    places = [cdr.doubles(len(names)) for _ in range(3)]
+    return MessageLayout(bytes(cdr.buffer), stamp, tuple((place, len(names)) for place in places))
 
 
 def find_orientation(yaw: float) -> tuple[float, float]:
@@ -170,27 +138,27 @@ class TrajectoryMessage:
     """A trajectory_msgs/JointTrajectory with fixed names and any number of points, positions only."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Store the parts that do not change.
+        """Encode two points, from which a trajectory with any number of points can be put together.
 
         Args:
             names: the M joint names.
         """
-        self._names = list(names)
-        self._layouts: dict[int, tuple[bytearray, int, list[np.ndarray], list[int]]] = {}
-
-    def _layout(self, points: int) -> tuple[bytearray, int, list[np.ndarray], list[int]]:
         cdr = CdrWriter()
-        stamp = cdr.header("")
-        cdr.texts(self._names)
-        cdr.pack("I", points)
-        positions, times = [], []
-        for _ in range(points):
-            positions.append(cdr.doubles(len(self._names)))
+        self.stamp = cdr.header("")
+        """Place of the stamp."""
+        cdr.texts(names)
+        self.count = cdr.pack("I", 0)
+        """Place of the number of points, an integer of 4 bytes: without points the message ends behind it."""
+        places = []
+        for _ in range(2):
+            places.append(cdr.doubles(len(names)))
             for _ in range(3):  # velocities, accelerations, effort
                 cdr.doubles(0)
-            times.append(cdr.stamp(0))
-        views = [np.frombuffer(cdr.buffer, np.float64, len(self._names), p) for p in positions]
-        return cdr.buffer, stamp, views, times
+            self.time = cdr.stamp(0) - places[-1]
+            """In a point: place of its time, two integers of 4 bytes."""
+        self.points, self.spacing = places[0], places[1] - places[0]
+        """Place of the positions of the first point, and bytes from one point to the next: the last ends 4 earlier."""
+        self.data = bytes(cdr.buffer)
 
     def encode(self, stamp_ns: int, times_ns: Sequence[int], positions: Sequence[np.ndarray]) -> bytes:
         """Return the bytes of a trajectory.
@@ -203,24 +171,15 @@ class TrajectoryMessage:
         Returns:
             The CDR bytes.
         """
-        points = len(times_ns)
-        layout = self._layouts.get(points)
-        if layout is None:
-            layout = self._layout(points)
-            if points <= 8:  # cache the common ones
-                self._layouts[points] = layout
-        buffer, stamp, views, times = layout
-        for view, place, position, ns in zip(views, times, positions, times_ns, strict=True):
-            view[:] = position
-            _put_stamp(buffer, place, ns)
-        _put_stamp(buffer, stamp, stamp_ns)
-        return bytes(buffer)
-
-    def layout(self) -> TrajectoryLayout:
-        """Return the layout of all trajectories with these names."""
-        buffer, stamp, _, times = self._layout(2)
-        count, positions = len(self._layout(0)[0]) - 4, times[0] - 8 * len(self._names) - 3 * 4  # three empty sequences
-        return TrajectoryLayout(bytes(buffer), stamp, count, positions, times[1] - times[0], times[0])
+        buffer = bytearray(self.data[: self.points if len(times_ns) else self.count + 4])
+        struct.pack_into("<I", buffer, self.count, len(times_ns))
+        _put_stamp(buffer, self.stamp, stamp_ns)
+        point = bytearray(self.data[self.points : self.points + self.spacing])
+        for ns, position in zip(times_ns, positions, strict=True):
+            point[: 8 * len(position)] = np.asarray(position, "<f8").tobytes()
+            _put_stamp(point, self.time, ns)
+            buffer += point
+        return bytes(buffer[:-4] if len(times_ns) else buffer)
 
 
 NO_CHANGE = TrajectoryMessage([]).encode(0, [0], [np.zeros(0)])

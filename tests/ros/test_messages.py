@@ -11,9 +11,9 @@ from crawler_ros.node.intake.commanded_path import Vertices
 from crawler_ros.recording.record_head import message_head
 from crawler_ros.wire.messages import (
     CLOCK,
-    JointStateMessage,
     TrajectoryMessage,
     encode_diagnostics,
+    lay_out_joint_state,
     lay_out_odometry,
     lay_out_pose,
     list_pose,
@@ -30,10 +30,8 @@ STAMP = 12_345_678_901
 
 
 def joint_state(names=("contact_0", "link_0", "link_11"), frame=""):
-    message = JointStateMessage(names, frame)
-    for k, array in enumerate((message.position, message.velocity, message.effort)):
-        array[:] = np.arange(len(names)) + 10 * k + 0.25
-    return "sensor_msgs/msg/JointState", message.encode(STAMP)
+    numbers = np.concatenate([np.arange(len(names)) + 10 * k + 0.25 for k in range(3)])
+    return "sensor_msgs/msg/JointState", lay_out_joint_state(names, frame).encode(STAMP, numbers)
 
 
 def pose(frame="world"):
@@ -89,19 +87,16 @@ def test_ticks_together_have_the_bytes_of_single_messages(name, recorded):
     data, places = encoder.encode(
         Vertices(times, due, rows, np.array(first), 2), True, np.array([True, True, True]), sent, (10**18, 300, numbers)
     )
-    joints, contacts = (
-        JointStateMessage(joint_state_names(scene.body)),
-        JointStateMessage(contact_names(scene.body), "world"),
-    )
+    joints = lay_out_joint_state(joint_state_names(scene.body))
+    contacts = lay_out_joint_state(contact_names(scene.body), "world")
     ledger, expected = TrajectoryMessage(list(scene.columns.names)), b""
     for tick, end in enumerate(times[1:].tolist()):
         which = slice(first[tick], first[tick + 1])
         begin, pose = int(times[tick]), encoder.poses[tick].tolist()
-        joints.numbers[:], contacts.numbers[:] = encoder.joints[tick], encoder.contacts[tick]
         messages = [
             ledger.encode(begin, [max(d - begin, 0) for d in due[which].tolist()], rows[which]),
-            joints.encode(end),
-            contacts.encode(end),
+            joints.encode(end, encoder.joints[tick].ravel()),
+            contacts.encode(end, encoder.contacts[tick].ravel()),
             lay_out_pose("world").encode(end, pose[:4]),
             lay_out_odometry("world", "base_link").encode(end, pose),
             CLOCK.encode(end),

@@ -52,7 +52,7 @@ class CommandQueue:
         self.overdue = 0
         """Trajectories that began when their last point was past, so that one tick followed them from end to end."""
         self._lengths = columns.lengths
-        self._checks = bool(columns.loads) or columns.joints is not None  # rows, before they are followed
+        self._needs_checks = bool(columns.loads) or columns.joints is not None  # rows, before they are followed
         self._lock = threading.Lock()
         self.reset(in_force)
 
@@ -66,7 +66,7 @@ class CommandQueue:
             self._turns: deque[np.ndarray | Trajectory] = deque()
             self._pending = self._pending_beside = 0
             self.now_ns = self._tick_ns = 0
-        self._checked = False  # whether the rows ahead are to be checked, each of them against the row before
+        self._checking = False  # whether the rows ahead are to be checked, each of them against the row before
         self._in_force = np.array(in_force)
         self._path = CommandedPath(Vertex(0, self._in_force))
 
@@ -264,7 +264,7 @@ class CommandQueue:
             waits = not path.ahead
         else:
             waits = bool(self._actuation or self._beside or self._trajectories)
-        if waits or self._checked:
+        if waits or self._checking:
             times_ns = times_ns[:2]
         elif self._lock_step:
             times_ns = times_ns[: 2 + np.searchsorted(times_ns[1:], path.ahead[-1].due_ns)]
@@ -272,18 +272,18 @@ class CommandQueue:
         self._tick_ns = self.now_ns - before_ns
         if waits:
             self._lay_messages(before_ns, self.now_ns)
-            bounds = self._bounds(self._in_force)
-            self._checked = self._checks and any(self._bounds(v.row) != bounds for v in path.ahead)
+            self._checking = self._needs_checks and self._change_bounds(path.ahead)
         taken = path.follow(times_ns, self._in_force)
-        if self._checked:
+        if self._checking:
             taken = self._without_unheld(taken)
         if taken.due_ns.size:
             self._in_force = taken.rows[-1]
         return taken
 
-    def _bounds(self, row: np.ndarray) -> bytes:
-        """Return the friction and the loads of a row: without a change of them each row can be followed."""
-        return row[self._lengths :].tobytes()
+    def _change_bounds(self, vertices: list[Vertex]) -> bool:
+        """Determine whether vertices change the friction or the loads in force: others can always be followed."""
+        bounds = self._in_force[self._lengths :].tobytes()
+        return any(vertex.row[self._lengths :].tobytes() != bounds for vertex in vertices)
 
     def _lay_messages(self, start_ns: int, end_ns: int) -> None:
         """Lay what waits for the tick on the path: in lock-step the earliest message with the arrays beside it."""
