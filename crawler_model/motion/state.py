@@ -44,7 +44,9 @@ def empty_account(count: int | None = None) -> np.ndarray:
     Returns:
         A new array, shape (15,) or (count, 15).
     """
-    return _EMPTY.copy() if count is None else np.tile(_EMPTY, (count, 1))
+    account = np.empty(ACCOUNT_SIZE if count is None else (count, ACCOUNT_SIZE))
+    account[:] = _EMPTY
+    return account
 
 
 @lean
