@@ -10,9 +10,8 @@ ahead nor back, is held by the friction ahead, and the motion counts as not uniq
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,12 +19,9 @@ from ...body.regions import Regions
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import AMBIGUOUS, DISSIPATION
-from .frame import Frame
+from .frame import friction_columns
 from .friction import find_slip, resist_all
 from .state import PlanarState
-
-if TYPE_CHECKING:
-    from .motion import PlaneMotion
 
 _BEYOND = 0.01
 """A point has come to a border if it is beyond by at most this part of the tolerance."""
@@ -37,59 +33,47 @@ _MOST_TRIALS = 200
 """Upper limit of parts of a ramp that are tried to come to a border."""
 
 
-def follow_over_regions(
-    motion: PlaneMotion,
-    state: PlanarState,
-    scratch: tuple[np.ndarray, tuple[Any, ...]],
-    target: np.ndarray,
-    ramp: int,
-    budget: int,
-    account: np.ndarray,
-) -> list[Jump]:
-    """Follow one ramp on ground with regions.
-
-    Args:
-        motion: the motion of the body.
-        state: changed in place.
-        scratch: memory from its `scratch`.
-        target: the commands at the end of the ramp, as `PlanarState.command` outside all regions.
-        ramp: its number.
-        budget: upper limit of work, as for `Crawler`, from border to border.
-        account: shape (15,), added to.
-
-    Returns:
-        The jumps.
-
-    Raises:
-        CommandError: where the body cannot follow, or crosses too many borders.
-    """
-    assert motion.regions is not None
-    return _Crossing(motion, motion.regions, state, scratch, ramp, budget, account).follow(target)
-
-
 @dataclass
-class _Crossing:
-    """A body that crosses borders in a ramp, with the arguments of `follow_over_regions`."""
+class Crossing:
+    """A body that crosses borders in a ramp.
 
-    motion: PlaneMotion
+    Attributes:
+        follow: follows a straight ramp to a command, a number of parts at a time; yields the place after these, and a
+            jump.
+        regions: of the ground.
+        touching: the points that touch the ground, shape (M,).
+        tolerance: largest error of a ramp [m].
+        state: changed in place.
+        ramp: number of the ramp.
+        account: shape (15,), added to.
+    """
+
+    follow: Callable[..., Iterator[tuple[float, Jump | None]]]
     regions: Regions
+    touching: np.ndarray
+    tolerance: float
     state: PlanarState
-    scratch: tuple[np.ndarray, tuple[Any, ...]]
     ramp: int
-    budget: int
     account: np.ndarray
-    jumps: list[Jump] = field(default_factory=list)
-    left: dict[int, np.ndarray] = field(default_factory=dict)
-    """Where points came to ground with less friction in this ramp."""
 
-    @property
-    def touching(self) -> np.ndarray:
-        """The points that touch the ground."""
-        return np.flatnonzero(self.motion.body.share != 0.0)
+    def __post_init__(self) -> None:
+        """Begin before the first border."""
+        self._jumps: list[Jump] = []
+        self._left: dict[int, np.ndarray] = {}  # where points came to ground with less friction in this ramp
 
-    def follow(self, target: np.ndarray) -> list[Jump]:
-        """Follow the ramp from border to border, and the falls behind each."""
-        state, friction = self.state, self.motion.friction
+    def follow_ramp(self, target: np.ndarray) -> list[Jump]:
+        """Follow the ramp from border to border, and the falls behind each.
+
+        Args:
+            target: the commands at the end of the ramp, as `PlanarState.command` outside all regions.
+
+        Returns:
+            The jumps.
+
+        Raises:
+            CommandError: where the body cannot follow, or crosses too many borders.
+        """
+        state, friction = self.state, friction_columns(self.state.frame)
         begin = state.command.copy()
         begin[friction] = state.asked
         place = 0.0
@@ -98,11 +82,11 @@ class _Crossing:
             goal[friction] *= self._factors()
             crossed, part, jumps = self._follow_to_border(goal)
             rest = 1.0 - place
-            self.jumps += [dataclasses.replace(jump, part=place + jump.part * rest) for jump in jumps]
+            self._jumps += [dataclasses.replace(jump, part=place + jump.part * rest) for jump in jumps]
             place = 1.0 if part == 1.0 else place + part * rest
             self._change_ground(crossed, (begin + place * (target - begin))[friction], place)
             if place == 1.0:
-                return self.jumps
+                return self._jumps
         raise CommandError(
             f"command: on the way, points cross more than {_MOST} borders of ground.regions each; shorter ramps help"
         )
@@ -137,18 +121,18 @@ class _Crossing:
             lost += loss
         moved = np.hypot(*(state.x - x).T)
         first = max(fallers, key=moved.__getitem__, default=0)
-        if fallers and moved[first] > self.motion.tolerance:
-            self.jumps.append(Jump(self.ramp, float(place), first, None, float(moved[first]), lost))
+        if fallers and moved[first] > self.tolerance:
+            self._jumps.append(Jump(self.ramp, float(place), first, None, float(moved[first]), lost))
 
     def _enter(self, crossed: dict[int, int]) -> None:
         """Note the regions that points have come to, and those that they stand on the borders of."""
-        state, factors, tolerance = self.state, self.regions.factors, self.motion.tolerance
+        state, factors, tolerance = self.state, self.regions.factors, self.tolerance
         for i, region in crossed.items():
             behind, at = int(state.region[i]), state.displacement[i]
             state.region[i] = state.behind[i] = region
             if factors[behind] >= factors[region]:
-                self.left[i] = at
-            elif i in self.left and np.hypot(*(at - self.left[i])) <= tolerance:
+                self._left[i] = at
+            elif i in self._left and np.hypot(*(at - self._left[i])) <= tolerance:
                 self.account[AMBIGUOUS] = 1.0  # it slides along the border
             else:
                 state.behind[i] = behind
@@ -157,10 +141,10 @@ class _Crossing:
         """Let friction fall at fixed commands; return the points that come to further borders, and the energy lost."""
         state, x, stored = self.state, self.state.x.copy(), _stored(self.state)
         crossed, _, jumps = self._follow_to_border(goal)
-        self.jumps += [dataclasses.replace(jump, part=float(place)) for jump in jumps]
+        self._jumps += [dataclasses.replace(jump, part=float(place)) for jump in jumps]
         moved = state.x - x
         released = stored - _stored(state) + (float((state.loads * moved).sum()) if state.loads.size else 0.0)
-        kept = resist_all(Frame(*self.scratch[1]), goal, state.x, moved) + sum(jump.loss for jump in jumps)
+        kept = resist_all(state.frame, goal, state.x, moved) + sum(jump.loss for jump in jumps)
         loss = max(released - kept, 0.0)
         self.account[DISSIPATION] -= loss
         return crossed, loss
@@ -170,7 +154,7 @@ class _Crossing:
         begin = self.state.command.copy()
         jumps: list[Jump] = []
         before, low = self._save(), 0.0
-        for place, jump in self._follow(goal, 1.0):
+        for place, jump in self.follow(goal, 1.0):
             found = [] if jump is None else [jump]
             crossed, _, _ = self._compare(before[0])
             if crossed:
@@ -183,12 +167,12 @@ class _Crossing:
         after, high = self._save(), place
         for k in range(_MOST_TRIALS):
             crossed, first, beyond = self._compare(before[0])
-            if beyond <= _BEYOND * self.motion.tolerance or high - low <= _SHORTEST:
+            if beyond <= _BEYOND * self.tolerance or high - low <= _SHORTEST:
                 break
             part = low + (0.5 if k % 3 == 2 else first) * (high - low)
             self._restore(before)
             row = begin + part * (goal - begin)
-            trial = [j for _, j in self._follow(row) if j is not None]
+            trial = [j for _, j in self.follow(row) if j is not None]
             if self._compare(before[0])[0]:
                 after, high, found = self._save(), part, trial
             else:
@@ -199,9 +183,6 @@ class _Crossing:
         share = [dataclasses.replace(jump, part=high) for jump in (*jumps, *found)]
         return crossed, high, share
 
-    def _follow(self, goal: np.ndarray, parts: float = np.inf) -> Iterator[tuple[float, Jump | None]]:
-        return self.motion.follow_ramp(self.state, self.scratch, goal, self.ramp, self.budget, self.account, parts)
-
     def _compare(self, before: PlanarState) -> tuple[dict[int, int], float, float]:
         """Find the points that have crossed borders since a state, on straight ways, or leave a border backwards.
 
@@ -209,8 +190,8 @@ class _Crossing:
             Their new regions; an estimate of the part after which the first one does, and a little beyond; how far they
             are beyond at most [m].
         """
-        state, regions, allowed = self.state, self.regions, _BEYOND * self.motion.tolerance
-        start, end = (self.motion.frame.position + s.displacement for s in (before, state))
+        state, regions, allowed = self.state, self.regions, _BEYOND * self.tolerance
+        start, end = (self.state.frame.position + s.displacement for s in (before, state))
         crossed, first, farthest = {}, 1.0, 0.0
         for i in self.touching.tolist():
             part, region = regions.cross(int(before.region[i]), start[i], end[i])
@@ -225,19 +206,19 @@ class _Crossing:
             room, slip = self._room_behind(state, i)
             if room < 0.0 and slip @ regions.normal(end[i], int(state.region[i]), int(state.behind[i])) > 0.0:
                 crossed[i] = int(state.behind[i])
-                left, enough = max(self._room_behind(before, i)[0], 0.0), allowed * self.motion.frame.grip[i]
+                left, enough = max(self._room_behind(before, i)[0], 0.0), allowed * self.state.frame.grip[i]
                 first = min(first, (left + 0.5 * enough) / (left - room))
-                farthest = max(farthest, -room / self.motion.frame.grip[i])
+                farthest = max(farthest, -room / self.state.frame.grip[i])
         return crossed, first, farthest
 
     def _leave_borders(self, before: PlanarState) -> None:
         """Let points that have slid on from their borders since a state stand on them no longer."""
-        slid = np.hypot(*(self.state.x - before.x).T) > _BEYOND * self.motion.tolerance
+        slid = np.hypot(*(self.state.x - before.x).T) > _BEYOND * self.tolerance
         self.state.behind[slid] = self.state.region[slid]
 
     def _room_behind(self, state: PlanarState, i: int) -> tuple[float, np.ndarray]:
         """Compute the distance of the force on a point from the bound behind a border [N], and the way of its slip."""
-        factors, frame = self.regions.factors, self.motion.frame
+        factors, frame = self.regions.factors, self.state.frame
         with_less, slip = state.copy(), np.empty_like(state.x)
         with_less.held[i] *= factors[state.behind[i]] / factors[state.region[i]]
         force = state.force

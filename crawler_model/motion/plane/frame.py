@@ -107,6 +107,19 @@ def build_frame(body: Body, directions: np.ndarray) -> Frame:
     return Frame(turning is None, *shape, *axes, _order(pairs, n), grip, heading, ways, compliance, effort)
 
 
+def friction_columns(frame: Frame) -> slice:
+    """Return where friction stands in a command.
+
+    Args:
+        frame: the body.
+
+    Returns:
+        The columns, four for each point or one for each direction of its polygon.
+    """
+    first = frame.rest.size
+    return slice(first, first + (len(frame.directions) or 4) * len(frame.position))
+
+
 def _order(pairs: np.ndarray, n: int) -> np.ndarray:
     """Order points so that the two points of each pair are close to each other."""
     from scipy.sparse import csr_array

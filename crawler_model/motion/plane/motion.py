@@ -16,9 +16,9 @@ from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
 from ..jump import Jump
 from ..state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, SPENT, VISITED, WORK
-from .borders import follow_over_regions
+from .borders import Crossing
 from .elastic import balances
-from .frame import Frame, build_frame
+from .frame import Frame, build_frame, friction_columns
 from .jump import COLLAPSED, jump
 from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, begin_ramp, complete_ramp, follow_ramp
 from .state import PlanarState
@@ -76,18 +76,12 @@ class PlaneMotion:
         region = behind = np.full(self.body.contacts, -1)
         if self.regions is not None:
             region, behind = self.regions.find(self.frame.position + x)
-        arrays = np.zeros(2), x, np.zeros_like(x), command, command[self.friction].copy(), region, behind
+        arrays = np.zeros(2), x, np.zeros_like(x), command, command[friction_columns(self.frame)].copy(), region, behind
         state = PlanarState(self.frame, *arrays, yaw, np.full(1, np.inf))
         if self.regions is not None:
             state.held[:] *= self.regions.factors[region, None]
         state.recentre(self.unit)
         return state
-
-    @functools.cached_property
-    def friction(self) -> slice:
-        """Where friction stands in a row of `PlanarState.command`."""
-        first = self.frame.rest.size
-        return slice(first, first + (len(self.frame.directions) or 4) * self.body.contacts)
 
     def expand(self, targets: np.ndarray) -> np.ndarray:
         """Repeat the friction of each disc for its four sides: kernels know only quarter ellipses.
@@ -123,12 +117,14 @@ class PlaneMotion:
         n, parts = self.body.contacts, self.frame.rest.size
         jumps: list[Jump] = []
         for v, target in enumerate(self.expand(targets)):
+            follow = functools.partial(self._follow_ramp, moving, scratch, v, budget, account)
             if self.regions is None:
-                way = self.follow_ramp(moving, scratch, target, v, budget, account)
-                jumps += [jump for _, jump in way if jump is not None]
+                jumps += [jump for _, jump in follow(target) if jump is not None]
             else:
-                jumps += follow_over_regions(self, moving, scratch, target, v, budget, account)
-            moving.asked[:] = target[self.friction]
+                touching = np.flatnonzero(self.body.share != 0.0)
+                crossing = Crossing(follow, self.regions, touching, self.tolerance, moving, v, account)
+                jumps += crossing.follow_ramp(target)
+            moving.asked[:] = target[friction_columns(self.frame)]
             if records.shape[0]:
                 x = moving.displacement
                 records[v, : 2 * n] = x.ravel()
@@ -143,32 +139,19 @@ class PlaneMotion:
             account[VISITED] = state.visited_margin(state.force)
         return tuple(jumps)
 
-    def follow_ramp(
+    def _follow_ramp(
         self,
         state: PlanarState,
         scratch: tuple[np.ndarray, tuple[Any, ...]],
-        target: np.ndarray,
         ramp: int,
         budget: int,
         account: np.ndarray,
+        target: np.ndarray,
         parts: float = np.inf,
     ) -> Iterator[tuple[float, Jump | None]]:
-        """Follow one ramp through its jumps.
+        """Follow one ramp through its jumps, so many parts of it at once.
 
-        Args:
-            state: changed in place.
-            scratch: memory from `scratch`.
-            target: the end of the ramp, as `PlanarState.command`.
-            ramp: its number.
-            budget: upper limit of work, as for `Crawler`.
-            account: shape (15,), added to.
-            parts: number of parts of the ramp to follow at once [1].
-
-        Yields:
-            After so many parts, or a jump, or at the end: the place on the ramp, 0 to 1, and the jump, if it was one.
-
-        Raises:
-            CommandError: where the body cannot follow.
+        Yields the place on the ramp after these, or at a jump or the end, 0 to 1; and the jump, if it was one.
         """
         velocity, fields = scratch
         frame, arrays = Frame(*fields), (state.x, state.gained, state.command, state.turned)

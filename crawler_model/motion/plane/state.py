@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .elastic import pull, strain
-from .frame import Frame
+from .frame import Frame, friction_columns
 from .friction import measure_margins
 
 _FAR = 1024.0
@@ -102,12 +102,7 @@ class PlanarState:
     @property
     def held(self) -> np.ndarray:
         """Friction in force on the ground under each point, a view of `command`, shape (N, 4) or (N, m) [N]."""
-        return self.command[self.frame.rest.size : self._last].reshape(self.x.shape[0], -1)
-
-    @property
-    def _last(self) -> int:
-        """Where friction ends in a command."""
-        return self.frame.rest.size + (self.frame.directions.shape[0] or 4) * self.x.shape[0]
+        return self.command[friction_columns(self.frame)].reshape(self.x.shape[0], -1)
 
     @property
     def bounds(self) -> np.ndarray:
@@ -117,7 +112,7 @@ class PlanarState:
     @property
     def loads(self) -> np.ndarray:
         """Loads in force, the slope's share included, shape (N, 2) [N]; shape (0, 2) without loads."""
-        return self.command[self._last :].reshape(-1, 2)
+        return self.command[friction_columns(self.frame).stop :].reshape(-1, 2)
 
     @property
     def force(self) -> np.ndarray:
