@@ -39,11 +39,11 @@ $(VENV)/.collected: $(READY)
 # and with kernels that check the indices of all that they read and write
 test-all: test
 	$(PYTEST) -m slow
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/model tests/lab
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/instrument/model tests/lab
 
 # bodies on a line: to compile the kernels of all others takes minutes for each version of Python
 smoke: $(READY)
-	$(BIN)/python -m pytest -q -p no:cacheprovider -k "not gallery" tests/model/test_closed_forms.py tests/ros/test_messages.py tests/ros/test_lock_step.py
+	$(BIN)/python -m pytest -q -p no:cacheprovider -k "not gallery" tests/instrument/model/test_closed_forms.py tests/instrument/ros/test_messages.py tests/instrument/ros/test_lock_step.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -56,7 +56,7 @@ coverage:
 	$(MAKE) measure-coverage VENV=.venv-coverage EXTRAS=$(EXTRAS),coverage
 
 measure-coverage: $(READY)
-	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/model tests/lab --ignore tests/lab/gym --ignore tests/lab/play --ignore tests/lab/pictures
+	NUMBA_DISABLE_JIT=1 $(PYTEST) -q -p no:cacheprovider --cov --cov-report= tests/instrument/model tests/lab --ignore tests/lab/gym --ignore tests/lab/play --ignore tests/lab/pictures
 	$(BIN)/coverage report
 
 bench: $(READY)
@@ -93,9 +93,9 @@ mutants: $(READY)
 	$(BIN)/python -m tests.mutants --count $(or $(N),60) --seed $(or $(SEED),0)
 
 soak: $(READY)
-	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/model tests/replay/test_slips.py --timeout=7200
-	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/ros/test_load.py tests/ros/test_faults.py tests/ros/test_security.py \
-		tests/replay/test_hostile_files.py tests/system/test_identify.py --timeout=7200
+	HYPOTHESIS_PROFILE=soak $(BIN)/python -m pytest tests/instrument/model tests/instrument/replay/test_slips.py --timeout=7200
+	CRAWLER_SOAK=1 $(BIN)/python -m pytest tests/instrument/ros/test_load.py tests/instrument/ros/test_faults.py tests/instrument/ros/test_security.py \
+		tests/instrument/replay/test_hostile_files.py tests/system/test_identify.py --timeout=7200
 
 $(MADE): pyproject.toml
 	$(if $(foreign),$(error $(VENV) was not made by this Makefile and is left alone: choose another folder, as make demo VENV=.venv-crawler, or install into yours: pip install -e '.[all]'))

@@ -19,8 +19,8 @@ TABLE = ROOT / "docs" / "hard-cases.md"
 HEAD = """# Hard cases
 
 Other simulators of dry friction fail in these cases. Each case is run on every body and with every method to which it
-applies; the result must be exact within rounding, or the difficulty must be reported. `tests/model/test_hard_cases.py`
-enforces this. `python docs/hard_cases.py` generates this page.
+applies; the result must be exact within rounding, or the difficulty must be reported.
+`tests/instrument/model/test_hard_cases.py` enforces this. `python docs/hard_cases.py` generates this page.
 
 The chain has springs between neighbours. Unless the case names another graph, the graph has each spring of the chain
 twice, with half the stiffness. The plane is the same body on a line in the plane, with friction given by directions.

@@ -28,7 +28,7 @@ from pathlib import Path
 from crawler_model import load_scene
 from crawler_ros.node.life.domains import reserved_domain
 
-from .ros.launch_files import FOLDER, read
+from .instrument.ros.launch_files import FOLDER, read
 
 ROOT = Path(__file__).parent.parent
 BIN = Path(sys.executable).parent
@@ -114,7 +114,7 @@ class Page:
         with contextlib.ExitStack() as stack:
             given = dict(os.environ)
             if needs_ros(self.blocks):
-                from .ros.graph import environment
+                from .instrument.ros.graph import environment
 
                 given = environment(stack.enter_context(reserved_domain()))
             self._environment = {k: v for k, v in given.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")} | paths

@@ -140,7 +140,7 @@ def test_read_recording_makes_one(tmp_path):
     for module in ("rclpy", "mcap", "rosbags"):
         pytest.importorskip(module)
     from crawler_ros.node.life.domains import reserved_domain
-    from tests.ros.graph import environment
+    from tests.instrument.ros.graph import environment
 
     command = [sys.executable, str(FOLDER / "read_recording.py")]
     with reserved_domain() as domain:

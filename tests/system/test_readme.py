@@ -59,7 +59,7 @@ def test_the_two_commands_are_there():
 
 def test_the_controller_of_the_readme_moves_the_simulator(tmp_path):
     pytest.importorskip("rclpy")
-    from tests.ros.graph import environment, graph
+    from tests.instrument.ros.graph import environment, graph
 
     from ..processes import wait_until
 

@@ -10,7 +10,7 @@ import pytest
 from crawler_lab import sensitivities, vary
 from crawler_model import Scene, SceneError, load_scene, simulate
 
-from ...model.bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
+from ...instrument.model.bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
 
 K, MU, A, STROKE, LENGTH = 20.0, 0.2, 0.5, 0.1, 0.2
 

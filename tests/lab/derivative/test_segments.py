@@ -16,7 +16,7 @@ from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import follow_pieces
 from crawler_model.motion.state import ACCOUNT_SIZE
 
-from ...model.segments import segment, unequal, various
+from ...instrument.model.segments import segment, unequal, various
 
 _FINE = (397, 419, 443, 467, 491)
 """Meshes whose contacts lie differently: the mean of their errors vanishes to first order."""

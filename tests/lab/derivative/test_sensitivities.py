@@ -14,7 +14,7 @@ from crawler_lab import Sensitivities, sensitivities, vary
 from crawler_lab.derivative import parameters
 from crawler_model import CommandError, Scene, SceneError, load_scene, simulate
 
-from ...model.motion.test_turning import build, wriggle
+from ...instrument.model.motion.test_turning import build, wriggle
 from .drawn import KEYS, SEGMENT_KEYS, differences, draw, draw_bent, draw_segment
 
 DURATION, RATE = 3.0, 7.0

@@ -9,7 +9,7 @@ import pytest
 
 from crawler_model import Scene, load_scene
 
-from ...model.chains import coarse
+from ...instrument.model.chains import coarse
 
 CHAIN = {
     "name": "chain",

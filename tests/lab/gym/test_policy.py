@@ -61,8 +61,8 @@ def test_its_path_is_that_of_the_environment(tmp_path, module, scene, actions, s
     pytest.importorskip("rclpy")
     import yaml
 
+    from ...instrument.ros.graph import graph, seconds
     from ...processes import wait_until
-    from ...ros.graph import graph, seconds
 
     given = yaml.safe_load(settings)
     task = given.pop("task", "translation")
@@ -99,8 +99,8 @@ def test_begun_late_it_goes_on_from_the_command_in_force(tmp_path, module):
     pytest.importorskip("rclpy")
     from std_msgs.msg import Float64MultiArray
 
+    from ...instrument.ros.graph import graph
     from ...processes import wait_until
-    from ...ros.graph import graph
 
     def lengths() -> list[float]:
         return [point.positions[0] for message in list(ros.heard["applied_commands"]) for point in message.points]
@@ -125,7 +125,7 @@ def test_begun_late_it_goes_on_from_the_command_in_force(tmp_path, module):
 def run_wrong(folder: Path, *words: str) -> tuple[int, str]:
     import subprocess
 
-    from ...ros.graph import environment, node_command
+    from ...instrument.ros.graph import environment, node_command
 
     done = subprocess.run(
         node_command("crawler_lab.gym.policy_node", *words),

@@ -23,7 +23,7 @@ from crawler_model.run.account import average_displacement
 from crawler_model.run.transport import supporting_force
 from tests.scenes import NOT_TURNING
 
-from ...model.chains import coarse, scene
+from ...instrument.model.chains import coarse, scene
 
 STRATEGIES = {
     "a": lambda a: np.maximum(a - 2, 0),

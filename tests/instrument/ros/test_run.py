@@ -1,0 +1,146 @@
+"""`crawler run`: a simulator and a controller as real processes, which end together and lose nothing."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from crawler_ros.examples import speed_control
+
+from ...processes import children, wait_until
+from .graph import Graph, Process, graph
+from .machine import assert_whole, recorded, stamp_ns
+
+SCENE, SPEED = "three_contacts_one_way", Path(speed_control.__file__)
+ENDLESS = """
+import os
+import rclpy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+rclpy.init()
+node = rclpy.create_node("endless")
+lengths = node.create_publisher(Float64MultiArray, "actuation_controller/commands", 10)
+def answer(state):
+    lengths.publish(Float64MultiArray(data=[1e-4 * (state.header.stamp.nanosec % 1000), 0.0]))
+    print("tick", flush=True)
+node.create_subscription(JointState, "joint_states", answer, 10)
+print("controller", os.getpid(), os.environ["ROS_DOMAIN_ID"], os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"], flush=True)
+try:
+    rclpy.spin(node)
+except Exception:  # the context ends before a callback
+    pass
+"""
+
+
+@pytest.fixture
+def ros(tmp_path):
+    with graph(tmp_path) as made:
+        yield made
+
+
+def write(folder: Path, text: str) -> str:
+    file = folder / "controller.py"
+    file.write_text(text)
+    return str(file)
+
+
+def whole(process: Process) -> Path:
+    """The recording that the summary names, which lacks nothing."""
+    (found,) = re.findall(r"; recorded (\S+)$", process.said, re.M)
+    assert_whole(Path(found))
+    return Path(found)
+
+
+def test_in_lock_step_it_repeats_to_the_bit_up_to_its_duration(tmp_path, ros: Graph):
+    words = ("run", SCENE, str(SPEED), "--lock-step", "--record", str(tmp_path), "--duration", "2.505")
+    runs = []
+    for _ in range(2):
+        run = ros.command(*words, "--", "--ros-args", "-p", "target:=0.1", "-p", "periods:=40")
+        assert run.wait() == 0, run.said
+        assert "period 1: amplitude" in run.said
+        assert "speed_control.py was ended; simulator stopped after 251 ticks, 0 late; recorded " in run.said
+        runs.append([(stamp_ns(m), *m.position, *m.effort) for m in recorded(whole(run), "/joint_states")])
+    assert runs[0] == runs[1]
+    assert runs[0][-1][0] == 2_510_000_000
+
+
+def test_it_ends_with_the_controller_and_its_status(tmp_path, ros: Graph):
+    ended = ros.command("run", SCENE, str(SPEED), "--lock-step", "--", "--ros-args", "-p", "periods:=2")
+    assert ended.wait() == 0, ended.said
+    assert re.search(
+        r"^speed_control\.py ended with status 0; simulator stopped after \d+ ticks, 0 late$", ended.said, re.M
+    )
+    raised = ros.command("run", SCENE, write(tmp_path, "import sys\nsys.exit(len(sys.argv))"), "--", "--rate", "x")
+    assert raised.wait() == 3
+    assert "controller.py ended with status 3; simulator stopped after" in raised.said
+    raised = ros.command("run", SCENE, write(tmp_path, "raise RuntimeError('broken')"))
+    assert raised.wait() == 1
+    assert "RuntimeError: broken" in raised.said
+    assert "controller.py ended with status 1; simulator stopped after" in raised.said
+
+
+def start(ros: Graph, folder: Path, **more: str | None) -> tuple[Process, int, list[str]]:
+    """Start an endless controller as a user does; return the command, the process of the controller and its domain."""
+    crawler = [sys.executable, "-m", "crawler_command.app"]
+    controller = write(folder, ENDLESS)
+    process = ros.run([*crawler, "run", SCENE, controller, "--lock-step", "--record", str(folder)], **more)
+    wait_until(lambda: process.said.count("tick") > 20 or process.process.poll() is not None, what="ticks")
+    pid, *domain = re.search(r"^controller (\d+) (\d+) (\w+)$", process.said, re.M).groups()
+    return process, int(pid), domain
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_both_and_completes_the_recording(tmp_path, ros: Graph, number):
+    process, controller, domain = start(ros, tmp_path)
+    assert domain[0] == str(ros.domain)
+    simulator = next(pid for pid in children(process.process.pid) if pid != controller)
+    assert process.end(number) == 128 + number
+    for pid in (controller, simulator):
+        assert not Path(f"/proc/{pid}").exists()
+    assert "simulator stopped after" in process.said
+    whole(process)
+
+
+def test_it_has_a_domain_of_its_own_where_none_is_set(tmp_path, ros: Graph):
+    process, _, domain = start(ros, tmp_path, ROS_DOMAIN_ID=None, ROS_AUTOMATIC_DISCOVERY_RANGE=None)
+    assert domain[0] not in ("0", str(ros.domain))
+    assert domain[1] == "LOCALHOST"
+    assert process.end() == 130
+
+
+def test_a_simulator_that_dies_ends_the_controller(tmp_path, ros: Graph):
+    process, controller, _ = start(ros, tmp_path)
+    os.kill(next(pid for pid in children(process.process.pid) if pid != controller), signal.SIGKILL)
+    assert process.wait() == 1
+    assert not Path(f"/proc/{controller}").exists()
+    assert "crawler: the simulator failed" in process.said
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["nowhere", str(SPEED)], "the simulator has not started: nowhere: no such file, nor a scene of the gallery"),
+        ([SCENE, "nowhere.py"], "nowhere.py: no such file; name the Python file of a controller"),
+        ([SCENE, str(SPEED), "--duration", "-1"], "--duration: -1 s; it must be > 0"),
+        ([SCENE, str(SPEED), "--record", "/proc/x"], "the simulator has not started: record: /proc/x: the folder"),
+        ([SCENE, "silent.py"], "silent.py ended before the simulator received a command; let it wait until"),
+    ],
+    ids=["scene", "controller", "duration", "record", "silent"],
+)
+def test_what_cannot_run_is_one_line(tmp_path, ros: Graph, words, text):
+    if "silent.py" in words:
+        (tmp_path / "silent.py").write_text("")
+        words = [SCENE, str(tmp_path / "silent.py")]
+    run = ros.command("run", *words)
+    assert run.wait() == 1
+    (line,) = run.said.splitlines()
+    assert line.startswith("crawler: ")
+    assert text in line
