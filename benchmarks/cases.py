@@ -12,7 +12,7 @@ import numpy as np
 
 from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
-from tests.model.sliding import follow_sliding
+from tests.instrument.model.sliding import follow_sliding
 from tests.scenes import wave_scene
 
 PERIODS = 2

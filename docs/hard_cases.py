@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 
-from tests.model.hard_cases import CASES  # noqa: E402
+from tests.instrument.model.hard_cases import CASES  # noqa: E402
 
 TABLE = ROOT / "docs" / "hard-cases.md"
 
