@@ -84,7 +84,8 @@ def encode_ticks(states, ledger, ticks, taken, recorded, output):
         recorded_ns = now_ns - took_ns * (count - 1 - tick) // count
         bounds[tick, 0] = place
         if ledger[2]:
-            place = _encode_ledger(ledger, taken, tick, times_ns[tick], next_numbers, recorded_ns, out, place)
+            before_ns = recorded_ns - 1  # readers sort by time, and by topic where times are equal
+            place = _encode_ledger(ledger, taken, tick, times_ns[tick], next_numbers, before_ns, out, place)
         bounds[tick, 1] = place
         if sent[tick]:
             _copy(out, place, data, 0, data.size)

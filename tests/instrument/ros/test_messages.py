@@ -103,7 +103,8 @@ def test_ticks_together_have_the_bytes_of_single_messages(name, recorded):
         ]
         assert places[tick][0] == len(expected)
         for channel, message in enumerate(messages if sent[tick] else messages[:1]):
-            number, ns = 7 * channel + (tick if channel == 0 else tick // 2), 10**18 - 300 + 100 * (tick + 1)
+            number = 7 * channel + (tick if channel == 0 else tick // 2)
+            ns = 10**18 - 300 + 100 * (tick + 1) - (channel == 0)  # the ledger is read first
             expected += message_head(channel + 1, number, ns, ns, len(message)) * recorded + message
     assert bytes(data) == expected
     assert numbers.tolist() == ([3, 9, 16, 23, 30, 37] if recorded else [0, 7, 14, 21, 28, 35])
