@@ -313,16 +313,19 @@ class RegionPart(Part):
         corners = self.corners
         if len(corners) < 3:
             raise ValueError(f"polygon: {len(corners)} corner(s); give at least 3")
+        for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if (corner == after).all():
+                raise ValueError(f"polygon: [{corner[0]:g}, {corner[1]:g}] twice in a row; leave out one of them")
         normals, offsets = self.half_planes
-        size = float(np.ptp(corners, axis=0).max())
-        outside = corners @ normals.T - offsets
-        for i in range(len(corners)):
-            edges = [i - 1, i]  # the edges that meet at this corner
-            others = np.delete(outside[i], edges)
-            if not others.size or not np.isfinite(outside).all() or others.min() <= _FLAT * size:
+        size, count = float(np.ptp(corners, axis=0).max()), len(corners)
+        inside = corners @ normals.T - offsets  # of each corner, the distance from each edge
+        near = {(i, (i + step) % count) for i in range(count) for step in (-1, 0)}  # the edges that meet there
+        for k in range(count):
+            if any(not inside[i, k] > _FLAT * size for i in range(count) if (i, k) not in near):
+                x, y = corners[k]
                 raise ValueError(
-                    f"polygon: at corner {i}, [{corners[i, 0]:g}, {corners[i, 1]:g}], it is not convex; divide it into "
-                    "convex polygons, and leave out corners on straight edges"
+                    f"polygon: it is not convex at the edge that begins at [{x:g}, {y:g}]; divide it into convex "
+                    "polygons, and leave out corners on straight edges"
                 )
         return self
 
