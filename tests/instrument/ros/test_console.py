@@ -226,7 +226,7 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
             page.get_by_label("link_0 in m").fill("0.14")
             page.get_by_label("link_0 in m").press("Enter")
             wait_until(
-                lambda: page.evaluate("frame.values[0] > 0 || parseInt(frame.console[0]) > 2"),
+                lambda: page.evaluate("parseInt(frame.console[0]) > 0"),
                 what="commands that move it",
             )
             browser.close()
