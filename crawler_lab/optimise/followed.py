@@ -53,17 +53,16 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
         crawler.follow(targets[1:2])
         if plan.ground.differs:
             mean, work = _average_periods(crawler, period, goal.periods)
-            settled = True
+            left = 0.0
         else:
             found = repeat_period(crawler, period, _SETTLED * tolerance_of(plan), _MOST_PERIODS)
             least = _ROUNDING * largest_distance(body)
             motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.atleast_1d(found.gain))
             mean, work = np.array(motion), found.work
+            left = 0.0 if found.settled else found.transient_left
         gain = float(mean[0])
         if body.dimension == 2:
             gain = math.cos(goal.towards) * float(mean[0]) + math.sin(goal.towards) * float(mean[1])
-        if not plan.ground.differs:
-            settled = found.settled or found.transient_left <= _LITTLE * abs(gain)
     except CommandError:
         return None
     lengths = body.springs if body.turning is not None else body.lengths
@@ -72,7 +71,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
     each = 2 if plan.columns.planar is None else max(plan.columns.planar, 1)
     friction = targets[1:, body.lengths :][:, : each * body.contacts].sum(axis=1) / each
     force = float(plan.ground.weight.sum()) or float(friction @ cycle.share)
-    return Regime(gain, work, float(change.sum()), force, math.nan, float(speed), settled, motion)
+    return Regime(gain, work, float(change.sum()), force, math.nan, float(speed), left <= _LITTLE * abs(gain), motion)
 
 
 def _average_periods(crawler: Crawler, period: np.ndarray, count: int) -> tuple[np.ndarray, float]:

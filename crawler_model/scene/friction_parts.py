@@ -95,6 +95,12 @@ class TablePart(Part):
         return self
 
 
+def _check_increasing(key: str, values: tuple[float, ...], unit: str, what: str) -> None:
+    for before, after in itertools.pairwise(values):
+        if not after > before:
+            raise ValueError(f"{key}: {after:g}{unit} follows {before:g}{unit}; {what} must be strictly increasing")
+
+
 class ProfileSidesPart(Part):
     """Factors on friction at the places of a profile, of each direction."""
 
@@ -121,11 +127,7 @@ class ProfilePart(Part):
     def _fits(self) -> ProfilePart:
         if not self.at:
             raise ValueError("at: no places; give at least one")
-        for i in range(1, len(self.at)):
-            if not self.at[i] > self.at[i - 1]:
-                raise ValueError(
-                    f"at: {self.at[i]:g} m follows {self.at[i - 1]:g} m; places must be strictly increasing"
-                )
+        _check_increasing("at", self.at, " m", "places")
         given: dict[str, tuple[float, ...] | None] = {"slope": self.slope}
         if isinstance(self.friction, ProfileSidesPart):
             given |= {"friction.forward": self.friction.forward, "friction.backward": self.friction.backward}
@@ -215,9 +217,7 @@ class CouplingPart(Part):
                 raise ValueError(f"{name}: {'missing' if needed else 'given'} beside `{kind}`")
         if not self.at:
             raise ValueError(f"{key}: no values; give at least one")
-        for before, after in itertools.pairwise(self.at):
-            if not after > before:
-                raise ValueError(f"{key}: {after:g}{unit} follows {before:g}{unit}; values must be strictly increasing")
+        _check_increasing(key, self.at, unit, "values")
         given = {name: getattr(self, name) for name in ("added", "forward", "backward")}
         rows = {name: row for name, row in given.items() if row is not None}
         if not rows or (self.added is not None and len(rows) > 1):
