@@ -82,6 +82,7 @@ def _print_planar_holding(scene: Plan, screen: Console) -> None:
         return
     ground, loaded = scene.ground, scene.columns.loads > 0
     _, friction, loads = split_target(scene.body, scene.directions, scene.drive.targets[0])
+    friction = ground.scale_friction(friction, scene.body.position + scene.start_displacement)
     whole = float(friction.sum())
     tow = whole - (math.hypot(*loads.sum(axis=0)) if loaded else 0.0)
     screen.print(f"largest tow that it holds at rest, on any contact: {tow:.6g} N in every direction")

@@ -7,6 +7,8 @@ import re
 from crawler_model import Scene
 
 _UNITS = {
+    "polygon": "m",
+    "left_of": "m",
     "added": "N",
     "forward": "N",
     "backward": "N",
@@ -65,7 +67,7 @@ def unit_of(scene: Scene, key: str) -> str:
     if named[:2] == ["drive", "actuation"] and len(named) == 4 and scene.body.turning is not None:
         return "m" if int(named[3]) < scene.body.springs else "rad"
     unit = next((_UNITS[step] for step in reversed(steps) if step in _UNITS), "1")
-    if "patches" in steps or "profile" in steps:
+    if {"patches", "profile", "regions"} & set(steps):
         return "1" if unit == "N" else unit
     if steps[:2] == ["friction", "with_elongation"] and len(named) > 2 and scene.parts.couplings[int(named[2])].segment:
         return "N/m" if unit == "N" else unit

@@ -250,6 +250,21 @@ class Ground:
             return "ground.regions"
         return "" if self.track is None else self.track.differs
 
+    def scale_friction(self, friction: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Multiply friction by the factors of the regions of the plane that points stand on.
+
+        Args:
+            friction: of each point, one or more numbers, shape (..., N, m) [N].
+            at: positions of the points, shape (..., N, 2) [m].
+
+        Returns:
+            The friction on the ground under each point, shaped alike; without regions the same.
+        """
+        if self.regions is None:
+            return friction
+        found, _ = self.regions.find(at.reshape(-1, 2))
+        return friction * self.regions.factors[found].reshape(*at.shape[:-1], 1)
+
     @property
     def lets_go(self) -> bool:
         """Whether contacts may come to less friction, or have less as links change their length, and jump."""

@@ -263,6 +263,8 @@ class InertiaMeter:
         if body.dimension == 2:
             each = max(plan.columns.planar or 1, 1)
             held = 2.0 * bounds[:, : each * n].reshape(-1, n, each).mean(axis=2)
+            if x is not None:
+                held = plan.ground.scale_friction(held[..., None], body.position + x)[..., 0]
         elif plan.ground.track is not None and x is not None:
             forward, backward, _ = plan.ground.track.local_bounds(bounds, body.position, x)
             held = forward + backward

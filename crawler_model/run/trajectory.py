@@ -260,9 +260,9 @@ class Trajectory(Tabular):
         if columns.slope_load is not None:
             load = target[:, lengths + frictions :].reshape(x.shape)
         friction = columns.spread(commands)[:, lengths : lengths + frictions]
-        if scene.ground.regions is not None:
-            found = scene.ground.regions.factors[scene.ground.regions.find((body.position + x).reshape(-1, 2))[0]]
-            friction = (friction.reshape(found.size, -1) * found[:, None]).reshape(friction.shape)
+        if body.dimension == 2:
+            each = friction.reshape(*x.shape[:-1], -1)
+            friction = scene.ground.scale_friction(each, body.position + x).reshape(friction.shape)
         return friction, load
 
     def summary(self) -> dict[str, Any]:

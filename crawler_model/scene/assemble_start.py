@@ -219,6 +219,7 @@ def _check_planar_start(assembly: Assembly) -> None:
     body, drive, x = assembly.body, assembly.drive, assembly.start_displacement
     tension = body.stiffness[:, None] * (body.elongation(x) - drive.actuation[0].reshape(-1, 2))
     _, friction, loads = split_target(body, assembly.directions, drive.targets[0])
+    friction = assembly.ground.scale_friction(friction, body.position + x)
     force = body.spring_force(tension)
     if loads.size:
         force = force + loads

@@ -235,6 +235,7 @@ def check_turning_start(assembly: Assembly) -> None:
     loads = drive.loads[0].reshape(-1, 2) if assembly.columns.loads else np.zeros(x.shape)
     force = body.force_at(x, tension) + loads
     friction = drive.targets[0, body.lengths :][: assembly.columns.frictions].reshape(body.contacts, -1)
+    friction = assembly.ground.scale_friction(friction, place)
     size = np.abs(tension[: body.springs]).sum() + np.abs(tension[body.springs :]).sum() / spans.min()
     near = _ROUNDING * (size + np.abs(loads).sum() + friction.max(axis=1))
     near += 64.0 * EPS * (body.stiffness.max() * np.abs(place).max() + body.turning.joint_stiffness.sum() / spans.min())

@@ -269,9 +269,11 @@ def _explain_bounds(run: RunArrays) -> str:
     if np.isfinite(run.least).any():
         return ""
     segments = any(not name.startswith("link_") for name in run.links)
-    patched = run.scene is not None and run.scene.ground.differs
-    body = "the mean tension of a segment" if segments else "a graph of springs"
-    where = "in the plane" if run.planar else "where the ground differs" if patched else f"for {body}"
+    where = "for the mean tension of a segment" if segments else "for a graph of springs"
+    if run.planar:
+        where = "in the plane"
+    elif run.scene is not None and run.scene.ground.lets_go:
+        where = "where the ground differs" if run.scene.ground.differs else "where friction changes with elongations"
     return f"; without bounds, which are not computed {where}"
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from crawler_command.check import print_report
 from crawler_lab import sensitivities
 from crawler_model import CommandError, Crawler, Scene, SceneError, limit_cycle, load_scene, simulate
 from crawler_model.scene.parts import RegionPart
@@ -206,6 +209,49 @@ def test_friction_that_is_commanded_is_multiplied_too():
     crawler.follow(np.array([[0.2, 0.0, 5.0, 0.4]]))
     assert crawler.displacement[1, 0] == pytest.approx(0.2 - 0.2 / 20.0, abs=1e-8)
     assert crawler.friction.tolist() == [5.0, 0.4]
+
+
+def on_one_ground(factor, *, everywhere):
+    """A pair on a slope, whose friction the ground under all of it multiplies, or the scene itself."""
+    given = [0.3, 0.2] if everywhere else [0.3 * factor, 0.2 * factor]
+    ground = {"slope": 5.0} | ({"regions": [half(-9.0, factor)]} if everywhere else {})
+    body = {"contacts": [[0.0, 0.0], [0.2, 0.0]], "links": {"stiffness": 20.0}, "weights": 0.5}
+    drive = {"times": [0, 1, 2], "period": 2, "actuation": [[[0.0, 0.0]], [[0.1, 0.02]], [[0.0, 0.0]]]}
+    document = {"name": "pair", "dimension": 2, "tolerance": 1e-7, "body": body, "friction": {"isotropic": given}}
+    return Scene.model_validate(document | {"ground": ground, "drive": drive})
+
+
+@pytest.mark.parametrize("factor", [0.25, 3.0])
+def test_a_region_under_all_of_a_body_is_another_friction(factor):
+    """In its path, its margins, its inertia number, and what it holds at rest."""
+    one, other = (on_one_ground(factor, everywhere=everywhere) for everywhere in (True, False))
+    run, plain = (simulate(scene, 4.0) for scene in (one, other))
+    assert run.displacement == pytest.approx(plain.displacement, abs=1e-9)
+    assert run.visited_margin == pytest.approx(plain.visited_margin, abs=1e-6)
+    assert run.inertia.number == pytest.approx(plain.inertia.number, rel=1e-3)
+    said = []
+    for found in (run, plain):
+        written = io.StringIO()
+        print_report(found, Console(width=200, file=written))
+        said.append([line for line in written.getvalue().splitlines() if "that it holds at rest" in line])
+    assert said[0] == said[1] != []
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_what_holds_a_body_at_its_start_is_the_friction_of_its_ground(turns):
+    """A link that pulls with 1 N holds on rough ground alone."""
+    body = {"contacts": [[0.0, 0.0], [0.2, 0.0]], "links": {"stiffness": 20.0}}
+    friction = {"isotropic": 0.5}
+    if turns:
+        body = {"points": body["contacts"], "springs": "length", "links": {"stiffness": 20.0}}
+        friction = {"forward": 0.5, "backward": 0.5, "left": 0.5, "right": 0.5}
+    document = {"name": "pulled", "dimension": 2, "body": body, "friction": friction}
+    document["start"] = {"displacement": [[0.0, 0.0], [0.05, 0.0]]}
+    with pytest.raises(SceneError, match=r"is pulled by \[1, 0\] N, 0.5 N more than its friction"):
+        Scene.model_validate(document)
+    assert Scene.model_validate(document | {"ground": {"regions": [half(-9.0, 3.0)]}})
+    with pytest.raises(SceneError, match=r"0.875 N more than its friction"):
+        Scene.model_validate(document | {"ground": {"regions": [half(-9.0, 0.25)]}})
 
 
 def test_what_needs_the_same_ground_everywhere_is_refused():

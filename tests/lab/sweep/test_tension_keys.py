@@ -110,4 +110,6 @@ def test_the_derivative_by_a_number_of_all_links_needs_links_that_are_alike():
 
 
 def test_the_unit_of_a_tension():
+    over = load_scene("snake_over_two_grounds")
+    assert (unit_of(over, "ground.regions[0].friction"), unit_of(over, "ground.regions[0].left_of[0][1]")) == ("1", "m")
     assert unit_of(ALIKE, "body.links.tension") == unit_of(LISTED, "body.links[0].tension.most") == "N"
