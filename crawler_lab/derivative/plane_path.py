@@ -126,7 +126,7 @@ class PlanePath:
         """Derivatives of the displacement, shape (N, 2, P)."""
         return self._place - self._d_position
 
-    def follow(self, vertices: Vertices) -> Stretch:
+    def follow_vertices(self, vertices: Vertices) -> Stretch:
         """Follow ramps to each vertex in turn.
 
         Args:

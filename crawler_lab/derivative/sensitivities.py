@@ -269,7 +269,7 @@ def _differentiate(
         ends = tick_ns[first : first + _CHUNK]
         begin_ns = int(tick_ns[first - 1]) if first else 0
         vertices = build_vertices(scene.drive, derivatives, begin_ns, ends)
-        stretch = path.follow(vertices)
+        stretch = path.follow_vertices(vertices)
         at = np.searchsorted(vertices.time_ns, ends)
         x.append(stretch.x[at])
         dx.append(_at_fixed_times(path, vertices, stretch, at, begin_ns))

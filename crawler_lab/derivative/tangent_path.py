@@ -188,7 +188,7 @@ class TangentPath:
         """Whether the point of a segment at rest has been exactly between two cells."""
         return bool(self._piece["between"][0])
 
-    def follow(self, vertices: Vertices) -> Stretch:
+    def follow_vertices(self, vertices: Vertices) -> Stretch:
         """Follow ramps to each vertex in turn.
 
         Args:
@@ -206,7 +206,7 @@ class TangentPath:
         steady = self._find_steady(vertices)
         ends = np.append(np.flatnonzero(np.diff(steady)) + 1, steady.size)
         found = [
-            self._follow(vertices, slice(i, min(i + most, end)), bool(steady[i]))
+            self._follow_rows(vertices, slice(i, min(i + most, end)), bool(steady[i]))
             for begin, end in zip(np.append(0, ends[:-1]), ends, strict=True)
             for i in range(begin, end, most)
         ]
@@ -235,7 +235,7 @@ class TangentPath:
         same = (bounds[1:] == bounds[:-1]).all(axis=1) & (reached[1:] == reached[:-1]) & (reached[1:] >= 0)
         return np.asarray(same & held)
 
-    def _follow(self, vertices: Vertices, rows: slice, steady: bool) -> Stretch:
+    def _follow_rows(self, vertices: Vertices, rows: slice, steady: bool) -> Stretch:
         n, springs = self._plan.body.contacts, self._plan.body.springs
         targets = vertices.targets[rows]
         count = targets.shape[0]

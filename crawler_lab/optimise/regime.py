@@ -259,7 +259,7 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
     body, targets = plan.body, plan.drive.targets
     path = TangentPath(plan, derivatives)
     share, count = body.share, targets.shape[0] - 1
-    path.follow(_vertices(targets, np.array([1]), derivatives))
+    path.follow_vertices(_vertices(targets, np.array([1]), derivatives))
     order = np.append(np.arange(2, count + 1), 1)
     vertices = _vertices(targets, order, derivatives)
     previous: tuple[np.ndarray, np.ndarray] | None = None
@@ -271,7 +271,7 @@ def differentiate_regime(cycle: Cycle, derivatives: Derivatives) -> RegimeDeriva
         tension = path.state
         path.one_sided[:] = False
         path.kinks.clear()
-        stretch = path.follow(vertices)
+        stretch = path.follow_vertices(vertices)
         d_gain, d_work = share @ (stretch.dx[-1] - begin_dx), stretch.d_work.sum(axis=0)
         begin_dx, last = stretch.dx[-1], (stretch.x[-1], stretch.rest[-1])
         gain = 0.0 if begin is None else float(share @ ((last[0] - begin[0]) + (last[1] - begin[1])))

@@ -261,12 +261,12 @@ class Evaluator:
         together = self._count_together()
         parts = [points[i : i + together] for i in range(0, len(points), together)]
 
-        def follow(i: int) -> list[list[Regime | None] | None]:
+        def run_part(i: int) -> list[list[Regime | None] | None]:
             left_out = self.is_over() and not (first and i == 0)
             return [None] * len(parts[i]) if left_out else self._run(parts[i])
 
         run = map if self._pool is None or len(parts) < 2 else self._pool.map
-        return [regimes for part in run(follow, range(len(parts))) for regimes in part]
+        return [regimes for part in run(run_part, range(len(parts))) for regimes in part]
 
     @property
     def _may_wait(self) -> bool:

@@ -48,7 +48,7 @@ class Play:
         """
         return np.minimum(np.maximum(lengths, commanded - self.reach), commanded + self.reach)
 
-    def follow(self, lengths: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+    def lead_along(self, lengths: np.ndarray, commanded: np.ndarray) -> np.ndarray:
         """Lead actuators to one command after another.
 
         Args:

@@ -107,7 +107,7 @@ class Crawler:
             [m, rad].
         """
         play, lengths = self.body.play, targets[:, : self.body.lengths]
-        return lengths if play is None else play.follow(self.actuation[play.springs], lengths)
+        return lengths if play is None else play.lead_along(self.actuation[play.springs], lengths)
 
     @property
     def forward(self) -> np.ndarray:

@@ -151,7 +151,7 @@ def repeat_period(
     """
     run = _Periods(crawler, targets)
     while run.count < most_periods:
-        run.follow()
+        run.run_period()
         if run.is_settled(tolerance):
             break
         if progress is not None:
@@ -192,7 +192,7 @@ class _Periods:
         """Return what the motion goes on from: tensions, or positions in the frame of a body that turns."""
         return places_in_frame(self.crawler) if self.turns else determining_tension(self.crawler.body, self.crawler)
 
-    def follow(self) -> None:
+    def run_period(self) -> None:
         """Run one more period."""
         crawler, body = self.crawler, self.crawler.body
         begin, yaw = crawler.displacement, crawler.yaw

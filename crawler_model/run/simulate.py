@@ -90,7 +90,7 @@ def simulate(
     run = _Run(crawler, ticks)
     for first in range(0, ticks, _CHUNK):
         last = min(first + _CHUNK, ticks)
-        run.follow(drive, min(tick_end_ns(first, ratio), end_ns), tick_ends(first + 1, last, ratio, end_ns), first)
+        run.run_ticks(drive, min(tick_end_ns(first, ratio), end_ns), tick_ends(first + 1, last, ratio, end_ns), first)
         if progress is not None:
             progress(last / ticks)
     return run.finish(rate, began)
@@ -154,13 +154,13 @@ class _Run:
         """Compute the energy stored in the springs of a crawler [J]."""
         return crawler.stored
 
-    def follow(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
+    def run_ticks(self, drive: Drive, after_ns: int, tick_ns: np.ndarray, first: int) -> None:
         """Run the ticks that end at `tick_ns`; the first one, number `first`, starts at `after_ns`."""
         vertex_ns, targets, at, way_rows = drive.ramps_between(after_ns, tick_ns)
         width = self.x[0].size
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size + SPENT))
         lengths = self.crawler.lengths_at(targets)
-        step, yaw = self._follow(targets, records, vertex_ns)
+        step, yaw = self._follow_ramps(targets, records, vertex_ns)
         self.total.add(step.account, step.jump_loss)
         if self.inertia is not None:
             x = records[:, :width].reshape(-1, *self.x.shape[1:])
@@ -195,7 +195,7 @@ class _Run:
                 self.waypoint_rest.append(rest[i].copy())
                 self.waypoint_yaw.append(float(yaw[i]))
 
-    def _follow(self, targets: np.ndarray, records: np.ndarray, ends_ns: np.ndarray) -> tuple[Step, np.ndarray]:
+    def _follow_ramps(self, targets: np.ndarray, records: np.ndarray, ends_ns: np.ndarray) -> tuple[Step, np.ndarray]:
         """Follow ramps; return their account, and the yaw at the end of each [rad]."""
         if self.crawler.body.turning is None:
             return self.crawler.follow(targets, records), np.zeros(ends_ns.size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def follow(low: np.ndarray, high: np.ndarray, most: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
+def pan_camera(low: np.ndarray, high: np.ndarray, most: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Choose the visible interval of each frame: fixed where everything fits, else it follows smoothly.
 
     Args:
@@ -75,7 +75,7 @@ def watch_track(place: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]
     """
     low, high = place.min(axis=1), place.max(axis=1)
     reach = float((high - low).max()) or 1.0
-    return follow(low - 0.25 * reach, high + 0.25 * reach, 4.0 * reach, frames)
+    return pan_camera(low - 0.25 * reach, high + 0.25 * reach, 4.0 * reach, frames)
 
 
 def watch_set(outline: np.ndarray, ratio: float, frames: int) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
@@ -92,7 +92,7 @@ def watch_set(outline: np.ndarray, ratio: float, frames: int) -> tuple[np.ndarra
     low, high = outline.min(axis=1), outline.max(axis=1)
     bottom, top = widen(float(low[:, 1].min()), float(high[:, 1].max()), 0.06)
     most = max(1.05 * ratio * (top - bottom), 2.5 * float((high - low)[:, 0].max()))
-    left, right = follow(low[:, 0], high[:, 0], most, frames)
+    left, right = pan_camera(low[:, 0], high[:, 0], most, frames)
     ends = widen(0.0, float(right[0] - left[0]), 0.06)
     corner, far = fit(np.array([ends[0], bottom]), np.array([ends[1], top]), ratio)
     return left + corner[0], left + far[0], (float(corner[1]), float(far[1]))

@@ -228,7 +228,7 @@ def compile_ticks(scene: Scene) -> None:
     encoder.readout.read(crawler, np.inf, encoder.joints[0], encoder.contacts[0])
     path, always = CommandedPath(Vertex(0, crawler.row)), np.ones(1, np.bool_)
     path.replace(0, [Vertex(1, crawler.row)])
-    taken = path.follow(np.arange(2), crawler.row)
+    taken = path.pass_waypoints(np.arange(2), crawler.row)
     encoder.encode(taken, True, always, always, (0, 0, np.zeros(0, np.int64)))
     accounts = np.zeros((1, ACCOUNT_SIZE))
     if runs_in_one_call(crawler):

@@ -69,7 +69,7 @@ def follow_times(
     for begin in range(0, duration.size, size):
         block = {name: part[begin : begin + size] for name, part in vars(vertices).items()}
         try:
-            stretch = path.follow(Vertices(**block))
+            stretch = path.follow_vertices(Vertices(**block))
         except CommandError:
             return None
         rows = slice(*(first + np.searchsorted(place[first:], (begin, begin + size))))

@@ -216,7 +216,7 @@ class Replica:
         times = np.concatenate((measured.time, measured.command_time[measured.command_time <= measured.time[-1]]))
         ticks = np.unique(np.rint(times[times > 0.0] * NS).astype(np.int64))
         path, vertices = begin_path(scene, derivatives, ticks, self._is_recorded)
-        stretch = path.follow(vertices)
+        stretch = path.follow_vertices(vertices)
         springs, n = body.springs, body.contacts
         x = np.vstack((scene.start_displacement, stretch.x + stretch.rest))
         before = np.append(0, vertices.before)

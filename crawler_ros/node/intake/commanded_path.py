@@ -156,7 +156,7 @@ class CommandedPath:
         ahead.extend(map(Vertex, np.maximum(start + trajectory.times_ns, due).tolist(), rows))
         return len(ahead) - stays
 
-    def follow(self, times_ns: np.ndarray, in_force: np.ndarray) -> Vertices:
+    def pass_waypoints(self, times_ns: np.ndarray, in_force: np.ndarray) -> Vertices:
         """Follow the path through consecutive ticks, and drop the waypoints that are passed.
 
         Args:

@@ -273,7 +273,7 @@ class CommandQueue:
         if waits:
             self._lay_messages(before_ns, self.now_ns)
             self._checking = self._needs_checks and self._change_bounds(path.ahead)
-        taken = path.follow(times_ns, self._in_force)
+        taken = path.pass_waypoints(times_ns, self._in_force)
         if self._checking:
             taken = self._without_unheld(taken)
         if taken.due_ns.size:

@@ -106,7 +106,7 @@ def test_ramps_are_divided_where_actuators_begin(rows, widths):
     ends = np.append(np.flatnonzero(np.diff(ramp)), ramp.size - 1)
     assert (place[ends] == 1.0).all()
     assert ramp[ends].tolist() == list(range(len(rows)))
-    assert np.array_equal(found[ends], play.follow(np.zeros(play.springs.size), targets))
+    assert np.array_equal(found[ends], play.lead_along(np.zeros(play.springs.size), targets))
     commanded, lengths, begin = np.zeros(2), np.zeros(2), 0.0
     half = np.array(widths) / 2
     for row, k, end in zip(found, ramp, place, strict=True):

@@ -214,7 +214,7 @@ def test_trajectories_join_the_path_as_defined(seed):
             fresh = path.join(trajectory, tick * TICK, (tick + 1) * TICK, fresh)
             assert listed(path.ahead) == listed(expected)
             assert fresh == fresh_then
-        path.follow(TICK * np.arange(tick, tick + 2), np.zeros(2))
+        path.pass_waypoints(TICK * np.arange(tick, tick + 2), np.zeros(2))
 
 
 def vertices_read(count):

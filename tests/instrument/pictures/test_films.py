@@ -24,7 +24,7 @@ from crawler_model import load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
 from crawler_pictures.colors import WALL, rgb
-from crawler_pictures.film.camera import follow
+from crawler_pictures.film.camera import pan_camera
 from crawler_pictures.film.encode import write_gif, write_mp4
 from crawler_pictures.film.film import Film, film_of_run, frame_times
 from crawler_pictures.film.moving_set import moving_set
@@ -291,12 +291,12 @@ def test_the_point_stays_in_the_set_that_moves_with_the_actuation(name):
 
 def test_the_camera_keeps_the_body_in_sight_and_moves_steadily():
     walk = 0.1 * np.arange(200.0)
-    left, right = follow(walk, walk + 1.0, 4.0, 25)
+    left, right = pan_camera(walk, walk + 1.0, 4.0, 25)
     assert (left <= walk).all()
     assert (right >= walk + 1.0).all()
     assert np.diff(left) == pytest.approx(0.1, abs=1e-9)
     assert np.ptp(right - left) == pytest.approx(0.0, abs=1e-9)
-    still, end = follow(walk[:20], walk[:20] + 1.0, 4.0, 25)
+    still, end = pan_camera(walk[:20], walk[:20] + 1.0, 4.0, 25)
     assert (still == 0.0).all()
     assert (end == walk[19] + 1.0).all()
 

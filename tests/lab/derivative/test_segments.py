@@ -149,7 +149,9 @@ def _follow(scene: Scene, keys: list[str], steady: bool, monkeypatch: pytest.Mon
     with monkeypatch.context() as patch:
         if not steady:
             patch.setattr(TangentPath, "_find_steady", lambda _, vertices: np.zeros(vertices.time_ns.size, np.bool_))
-        stretch = path.follow(build_vertices(scene.drive, derivatives, 0, np.array([400_000_000, 1_000_000_000])))
+        stretch = path.follow_vertices(
+            build_vertices(scene.drive, derivatives, 0, np.array([400_000_000, 1_000_000_000]))
+        )
     return stretch, path.one_sided.copy(), {(ramp, contact) for ramp, _, contact in path.kinks}
 
 
