@@ -68,7 +68,7 @@ def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[s
             if built is None:
                 begin = time.perf_counter()
                 built = drive.build(n)
-                building.add(n, time.perf_counter() - begin)
+                building.add_body(n, time.perf_counter() - begin)
             found = _follow(Crawler(built[0], method), built[1], _PART * seconds)
             first = found["ms"] if method == "catch_up" else first
             rows[-1] |= found | {"to_catch_up": found["ms"] / first if first else None}
@@ -77,7 +77,7 @@ def _measure_drive(name: str, drive: GrowthDrive, seconds: float) -> list[dict[s
                 rows[-1]["note"] = f"no larger body follows: the budget of a ramp was spent after {spent:.0f} s"
                 del going[method]
                 continue
-            growth.add(n, 1e-3 * found["ms"])
+            growth.add_body(n, 1e-3 * found["ms"])
             rows[-1]["exponent"] = growth.exponent
     return rows
 
@@ -89,7 +89,7 @@ class _Growth:
         self._sizes: list[int] = []
         self._times: list[float] = []
 
-    def add(self, n: int, seconds: float) -> None:
+    def add_body(self, n: int, seconds: float) -> None:
         """Add the time of a body of n contacts."""
         self._sizes.append(n)
         self._times.append(seconds)

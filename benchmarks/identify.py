@@ -284,7 +284,7 @@ class _Sysid:
         """Build the parameters: the logarithm of each unknown, with its bounds."""
         found = self.sysid.ParameterDict()
 
-        def add(name: str, value: float, write: Callable[[Any, float], None]) -> None:
+        def add_unknown(name: str, value: float, write: Callable[[Any, float], None]) -> None:
             def modify(spec: Any, parameter: Any) -> None:
                 write(spec, float(np.exp(parameter.value[0])))
 
@@ -300,9 +300,9 @@ class _Sysid:
         values = task.values(start=True)
         if _STIFFNESS in task.keys:
             for i, k in enumerate(values[_STIFFNESS]):
-                add(f"k{i}", k, stiffness_of(i))
+                add_unknown(f"k{i}", k, stiffness_of(i))
         for i, f in enumerate(values[_FRICTION]):
-            add(f"f{i}", f, friction_of(i))
+            add_unknown(f"f{i}", f, friction_of(i))
         return found
 
     def _sequence(self, spec: Any, scene: Scene, times: np.ndarray, displacement: np.ndarray) -> Any:

@@ -116,5 +116,5 @@ def _run(
         began = time.perf_counter()
         motion.follow_many(state, scratch, targets, rows, legs, default_budget(body), accounts, spent, records)
         kernel_s += time.perf_counter() - began
-        ledger.add(accounts, spent, records, ends)
+        ledger.add_ramps(accounts, spent, records, ends)
     return ledger.rows(stack.assembly, stack.length, kernel_s / count)

@@ -215,7 +215,7 @@ def _run(scene: Scene, settings: Settings, stop: Callable[[], bool] | None) -> n
         assert step is not None
         kernel_s += time.perf_counter() - began
         gained = energy_of_sliders(bends, crawler.hysteresis) - remembered
-        ledger.add(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths, gained)
+        ledger.add_ramps(step.account[None], np.array([spent]), records[None], ends, jump_loss, lengths, gained)
     row: np.ndarray = ledger.rows(scene, np.array([length_of(scene.body)]), kernel_s, screw.gain())[0]
     return row
 

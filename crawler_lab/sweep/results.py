@@ -169,20 +169,20 @@ class ManyRuns(Tabular):
         pa = load_library("pyarrow", "to_table")
         fields, columns = [], []
 
-        def add(name: str, array: Any, unit: str | None = None) -> None:
+        def add_column(name: str, array: Any, unit: str | None = None) -> None:
             fields.append(pa.field(name, array.type, metadata=None if unit is None else {"unit": unit}))
             columns.append(array)
 
-        add("status", pa.array(self.status.tolist()))
-        add("reason", pa.array(list(self.reason)))
+        add_column("status", pa.array(self.status.tolist()))
+        add_column("reason", pa.array(list(self.reason)))
         for name, unit in UNITS.items():
             column = getattr(self, name)
             if name in SCREW and np.isnan(column).all():
                 continue
             for axis, values in zip(("_x", "_y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
-                add(name + axis, pa.array(values, mask=~np.isfinite(values)), unit)
+                add_column(name + axis, pa.array(values, mask=~np.isfinite(values)), unit)
         for name in ("unique", *COUNTS):
-            add(name, pa.array(getattr(self, name), mask=self.status != "done"))
+            add_column(name, pa.array(getattr(self, name), mask=self.status != "done"))
         return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 

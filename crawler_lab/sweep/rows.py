@@ -69,7 +69,7 @@ class Ledger:
         self._spent = np.zeros((2, x.shape[0], 2))
         self._periods = 0
 
-    def add(
+    def add_ramps(
         self,
         accounts: np.ndarray,
         spent: np.ndarray,
@@ -94,7 +94,7 @@ class Ledger:
         for leg, until in enumerate(find_legs(ends, records.shape[1])[1:]):
             if until - 1 in ends[-2:]:
                 self._spent = np.stack((self._spent[1], before + spent[:, leg]))
-        self._total.add(accounts, jump_loss)
+        self._total.add_account(accounts, jump_loss)
         width = self._last.shape[1]
         tension = records[:, :, width:].reshape(*records.shape[:2], *self._tension.shape[1:])
         x = records[:, :, : width // 2].reshape(*records.shape[:2], *self._x.shape[1:])

@@ -110,18 +110,18 @@ def _print(found: Springs, png: Path | None) -> None:
     for name in ("", "value", "95 % interval", "unit"):
         table.add_column(name)
 
-    def add(name: str, one: Estimate, unit: str) -> None:
+    def add_estimate(name: str, one: Estimate, unit: str) -> None:
         ends = ["" if end is None else f"{end:.5g}" for end in (one.low, one.high)]
         table.add_row(name, f"{one.value:.5g}", " .. ".join(ends) if any(ends) else "not determined", unit)
 
-    add("force at elongation 0", found.force_at_zero, "N")
+    add_estimate("force at elongation 0", found.force_at_zero, "N")
     for i, one in enumerate(found.stiffnesses):
-        add(f"stiffness of piece {i}" if found.knots else "stiffness", one, "N/m")
+        add_estimate(f"stiffness of piece {i}" if found.knots else "stiffness", one, "N/m")
     for i, one in enumerate(found.knots):
-        add(f"knot {i}", one, "m")
+        add_estimate(f"knot {i}", one, "m")
     for i, element in enumerate(found.elements):
-        add(f"hysteresis[{i}].stiffness", element.stiffness, "N/m")
-        add(f"hysteresis[{i}].yield", element.limit, "N")
+        add_estimate(f"hysteresis[{i}].stiffness", element.stiffness, "N/m")
+        add_estimate(f"hysteresis[{i}].yield", element.limit, "N")
     screen.print(table)
     verdict = "explains the loop" if found.explained else "[yellow]does not explain the loop[/]"
     screen.print(

@@ -28,7 +28,7 @@ class YieldTimes:
         self._waiting: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._reported = {state: times.copy() for state, times in self._ns.items()}
 
-    def add(self, elongation: np.ndarray, lengths: np.ndarray, ns: np.ndarray) -> None:
+    def add_ticks(self, elongation: np.ndarray, lengths: np.ndarray, ns: np.ndarray) -> None:
         """Add K ticks.
 
         Args:
@@ -38,9 +38,9 @@ class YieldTimes:
         """
         self._waiting.append((elongation.copy(), lengths, ns))
         if len(self._waiting) == _MOST_WAITING or ns.size > 1:
-            self._settle()
+            self._add_waiting()
 
-    def _settle(self) -> None:
+    def _add_waiting(self) -> None:
         """Add the ticks that wait: together they take little longer than one of them."""
         if self._waiting:
             elongation, lengths, ns = map(np.concatenate, zip(*self._waiting, strict=True))
@@ -55,7 +55,7 @@ class YieldTimes:
         Returns:
             By the name of the link or segment `slack` and `stalled`, each if it can be that [s].
         """
-        self._settle()
+        self._add_waiting()
         found: dict[str, dict[str, float]] = {name: {} for name in self._names}
         for state, word in _WORDS:
             for k in np.flatnonzero(self._limits.can_be(state)).tolist():
@@ -68,7 +68,7 @@ class YieldTimes:
         Returns:
             A message, and for each link that can be slack or stalled the times.
         """
-        self._settle()
+        self._add_waiting()
         told = []
         for state, word in _WORDS:
             times = self._ns[state]

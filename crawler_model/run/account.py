@@ -128,7 +128,7 @@ class Total:
     overspent: Any = 0.0
     unsolved: Any = 0.0
 
-    def add(self, account: np.ndarray, jump_loss: float = 0.0) -> None:
+    def add_account(self, account: np.ndarray, jump_loss: float = 0.0) -> None:
         """Add the account of further ramps.
 
         Args:

@@ -164,7 +164,7 @@ class InertiaMeter:
         self._before = np.zeros((1 if self.follows_pieces else 2, *self._x.shape))  # the last velocities
         self._worst = 0.0, 0.0, -1
 
-    def add(
+    def add_ramps(
         self,
         targets: np.ndarray,
         after_ns: int,
@@ -186,7 +186,7 @@ class InertiaMeter:
         self.target = rows[-1].copy()
         if self._twin is None:
             assert x is not None
-            self._add_ramps(rows, begins, ends_ns, x, jumped)
+            self._add_mean_velocities(rows, begins, ends_ns, x, jumped)
             return
         size = max(_MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * self._plan.body.contacts)), 1)
         for first in range(0, ends_ns.size, size):
@@ -231,7 +231,7 @@ class InertiaMeter:
         velocity = met[:, HEADER : HEADER + n] / seconds[ramp, None]
         self._note(velocity, held, begins[ramp] + met[:, FROM] * (ends - begins)[ramp])
 
-    def _add_ramps(
+    def _add_mean_velocities(
         self, rows: np.ndarray, begins: np.ndarray, ends: np.ndarray, x: np.ndarray, jumped: Sequence[int]
     ) -> None:
         places = np.concatenate((self._x[None], x))

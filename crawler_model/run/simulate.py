@@ -161,10 +161,10 @@ class _Run:
         records = np.empty((vertex_ns.size, 2 * width + self.tension[0].size + SPENT))
         lengths = self.crawler.lengths_at(targets)
         step, yaw = self._follow_ramps(targets, records, vertex_ns)
-        self.total.add(step.account, step.jump_loss)
+        self.total.add_account(step.account, step.jump_loss)
         if self.inertia is not None:
             x = records[:, :width].reshape(-1, *self.x.shape[1:])
-            self.inertia.add(targets, after_ns, vertex_ns, x, [jump.ramp for jump in step.jumps])
+            self.inertia.add_ramps(targets, after_ns, vertex_ns, x, [jump.ramp for jump in step.jumps])
         ends = np.searchsorted(vertex_ns, tick_ns)
         for jump in step.jumps:
             self.jump_loss[first + 1 + np.searchsorted(ends, jump.ramp)] += jump.loss

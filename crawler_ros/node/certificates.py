@@ -32,7 +32,7 @@ class Certificates:
     _now: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     _turnover: float = 0.0
 
-    def add(self, residual: float, violation: float, complementarity: float, turnover: float) -> None:
+    def add_ticks(self, residual: float, violation: float, complementarity: float, turnover: float) -> None:
         """Add ticks: the worst of their certificates, and the energy turned over in all of them."""
         now = self._now
         if not residual <= now[0]:  # not a number counts as worse

@@ -38,7 +38,7 @@ class Counts:
     unheld: int = 0
     stability: float = np.inf
 
-    def add(self, ambiguous: float, overspent: float, unsolved: float) -> None:
+    def add_ticks(self, ambiguous: float, overspent: float, unsolved: float) -> None:
         """Add ticks, as `sum_accounts` counts them."""
         self.ambiguous += int(ambiguous)
         self.overspent += int(overspent)

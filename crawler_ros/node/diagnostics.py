@@ -89,7 +89,7 @@ def diagnose(node: Diagnosed) -> list[Status]:
         Level, name, message, hardware id and key-value pairs of each part.
     """
     states = {name: publishers_of(node, name) for name in node.states}
-    commands = node.intake.settle(node)
+    commands = node.intake.find_publishers(node)
     me, hardware = node.get_fully_qualified_name().lstrip("/"), node.scene.name
     with node.lock:
         parts = {"simulation": _simulation(node, rivals_on_states(states)), "commands": _commands(node, commands)}

@@ -32,8 +32,8 @@ def add_ticks(
     targets = np.vstack((meter.target, columns.target(taken.rows)))
     start_ns, ends_ns, after = int(taken.times_ns[0]), taken.times_ns[1:], taken.first[1:]
     if not meter.follows_pieces:
-        meter.add(targets[after], start_ns, ends_ns, np.array(x), jumped)
+        meter.add_ramps(targets[after], start_ns, ends_ns, np.array(x), jumped)
         return
     due = np.insert(taken.due_ns, after, ends_ns)
     order = np.insert(np.arange(1, taken.due_ns.size + 1), after, after)  # targets[v] is in force after v vertices
-    meter.add(np.ascontiguousarray(targets[order]), start_ns, np.maximum.accumulate(np.maximum(due, start_ns)))
+    meter.add_ramps(np.ascontiguousarray(targets[order]), start_ns, np.maximum.accumulate(np.maximum(due, start_ns)))

@@ -134,8 +134,8 @@ class Ticks:
             dues = np.maximum(taken.due_ns, start_ns).tolist()
             self._feed.show(end_ns, self.crawler, time_jumps(jumps[0], start_ns, dues) if jumps else ())
         *certificates, ambiguous, overspent, unsolved = sum_accounts(accounts)
-        self.certificates.add(*certificates)
-        self.counts.add(ambiguous, overspent, unsolved)
+        self.certificates.add_ticks(*certificates)
+        self.counts.add_ticks(ambiguous, overspent, unsolved)
         if self.inertia is not None:
             add_ticks(self.inertia, self._columns, taken, x, list(jumps))
 
@@ -155,7 +155,7 @@ class Ticks:
             poses[:, 4] /= (np.diff(times_ns) / NS)[read]
         if self.yields is not None:
             targets = np.vstack((self._columns.target(in_force[None]), targets))[taken.first[1:]]  # at the end of each
-            self.yields.add(joints[:, 0, 1:], targets[:, crawler.body.link_springs], np.diff(times_ns))
+            self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], np.diff(times_ns))
         return accounts
 
     def _follow_each(
@@ -194,7 +194,7 @@ class Ticks:
                 jumps[tick] = step.jumps
             if self.yields is not None:
                 lengths = body.joint_sum(crawler.actuation)
-                self.yields.add(crawler.joint_elongation[None], lengths[None], ns[tick : tick + 1])
+                self.yields.add_ticks(crawler.joint_elongation[None], lengths[None], ns[tick : tick + 1])
             if self.inertia is not None:
                 x.append(crawler.displacement)
             if tick + 2 == taken.times_ns.size:  # the last one, perhaps because it was refused

@@ -97,7 +97,7 @@ class Contents:
     definitions: int = 0
     """Number of schemas and channels read so far."""
 
-    def add(self, record: Any) -> None:
+    def keep_record(self, record: Any) -> None:
         """Keep a record other than a message or a chunk."""
         if isinstance(record, Schema | Channel):
             self.definitions += 1
@@ -166,7 +166,7 @@ def read_file(file: Path, contents: Contents, begin: int = 0) -> Iterator[Block]
             begin = _MAGIC_BYTES
             for record in _records(stream, _find_summary(stream, size)):  # chunks have them, too, but may be damaged
                 if isinstance(record, Schema | Channel):
-                    contents.add(record)
+                    contents.keep_record(record)
         for record in _records(stream, begin):
             if isinstance(record, Chunk):
                 contents.chunks += 1
@@ -181,7 +181,7 @@ def read_file(file: Path, contents: Contents, begin: int = 0) -> Iterator[Block]
                 pending += record
                 ends.append(len(pending))
             else:
-                contents.add(record)
+                contents.keep_record(record)
             if len(pending) >= _BLOCK_BYTES:
                 yield replace(_scan(pending, ends, contents, room), begin=begin)
                 pending, ends, begin = bytearray(), [], stream.tell()
@@ -332,7 +332,7 @@ def _scan(pending: bytearray, ends: Sequence[int], contents: Contents, room: _Ro
     is_message = rows[:, 0] == Opcode.MESSAGE
     for opcode, first, size in rows[~is_message, :3][: _MOST_DEFINITIONS + 1].tolist():
         try:
-            contents.add(_READERS[opcode](ReadDataStream(BytesIO(pending[first : first + size]))))
+            contents.keep_record(_READERS[opcode](ReadDataStream(BytesIO(pending[first : first + size]))))
         except Exception:  # any error of the parser on damaged bytes, such as a name that is not UTF-8
             continue
     _, first, size, channel, sequence, log_ns, publish_ns = np.ascontiguousarray(rows[is_message].T)

@@ -63,7 +63,7 @@ class RampRows:
         self.contacts: list[np.ndarray] = []
         self.poses: list[tuple[float, ...]] = []
 
-    def add(
+    def add_ramp(
         self,
         run: int,
         start_ns: int,

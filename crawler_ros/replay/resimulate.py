@@ -265,19 +265,19 @@ class Resimulation:
             until = min(max(stamp + int(offsets[number]), before), end)
             ends_tick = number == len(points) - 1 and until >= end - 1  # stamps are rounded
             until = end if ends_tick else until
-            rows.add(self._run, before, until, ends_tick, row, target, crawler, step)
+            rows.add_ramp(self._run, before, until, ends_tick, row, target, crawler, step)
             self._row, self._target, before = row, target, until
         if not points:
             crawler.follow(self._target[None][:0])
         if before < end or not points:
-            rows.add(self._run, before, end, True, self._row, self._target, crawler, None)
+            rows.add_ramp(self._run, before, end, True, self._row, self._target, crawler, None)
         rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
         self._last_ns, self._end_ns = stamp, end
 
     def _send_start(self) -> None:
         """Send the state at the start of a run to the sinks, as a ramp without duration."""
         rows = RampRows(self._scene, self._widths)
-        rows.add(self._run, self._end_ns, self._end_ns, True, self._row, self._target, self._crawler, None)
+        rows.add_ramp(self._run, self._end_ns, self._end_ns, True, self._row, self._target, self._crawler, None)
         rows.read(self._readout, self._crawler, np.nan if self._begin_ns else np.inf)
         self._send(rows)
 

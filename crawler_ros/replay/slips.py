@@ -66,9 +66,9 @@ class SlipFinder:
 
     def __call__(self, piece: Piece) -> None:
         """Add a piece, in which the stations of a body slide."""
-        self.add(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
+        self.add_ramps(piece.run, piece.start_ns, piece.end_ns, piece.station_gained)
 
-    def add(self, run: np.ndarray, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
+    def add_ramps(self, run: np.ndarray, start_ns: np.ndarray, end_ns: np.ndarray, gained: np.ndarray) -> None:
         """Add the next ramps.
 
         Args:

@@ -29,7 +29,7 @@ class YieldSink:
             return
         body, begins = self._scene.body, np.append(0, rows[:-1] + 1)
         actuation = self._scene.columns.target(piece.command[rows])[:, : body.springs]
-        self._times.add(
+        self._times.add_ticks(
             piece.elongation[rows], body.joint_sum(actuation.T).T, piece.end_ns[rows] - piece.start_ns[begins]
         )
 

@@ -169,7 +169,9 @@ class TrackView(_View):
         """
         y = float(self._share @ (self._rest + frame.displacement))
         if frame.jumps:
-            self._marks.add(frame.jumps, self._turn(y) if self._page is None else self._page * _PAGE * self._length)
+            self._marks.mark_jumps(
+                frame.jumps, self._turn(y) if self._page is None else self._page * _PAGE * self._length
+            )
             self._stream.set_time("sim_time", duration=frame.time_ns / NS)
         origin = self._turn(y)
         self._marks.age(frame.time_ns, origin)

@@ -142,7 +142,7 @@ class JumpMarks:
         """The contacts marked now."""
         return [jump.contact for jump in self._marked]
 
-    def add(self, jumps: tuple[TimedJump, ...], origin: float) -> None:
+    def mark_jumps(self, jumps: tuple[TimedJump, ...], origin: float) -> None:
         """Mark jumps at their own times.
 
         Args:

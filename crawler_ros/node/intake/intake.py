@@ -76,10 +76,10 @@ class Intake:
         def receive(*arguments: Any) -> None:
             data, information = arguments if len(arguments) == 2 else arguments[0]
             with self._lock:
-                turns.add(name, arrivals.add(information["publication_sequence_number"]))
+                turns.note_message(name, arrivals.count_message(information["publication_sequence_number"]))
             if len(data) > most:  # too large to be passed on or recorded
                 text = f"{len(data)} bytes; a command of this scene has at most {most}"
-                self.refusals.add(name, text, self._commands.now_ns)
+                self.refusals.count_refusal(name, text, self._commands.now_ns)
                 return
             if recorder is not None and channel is not None:
                 now = recorder.now_ns()
@@ -87,9 +87,9 @@ class Intake:
             try:
                 accept(data)
             except CommandError as error:
-                self.refusals.add(name, str(error), self._commands.now_ns)
+                self.refusals.count_refusal(name, str(error), self._commands.now_ns)
             except Exception as error:  # a message must not end the node
-                self.refusals.add(name, f"not a message of this type: {error!r}", self._commands.now_ns)
+                self.refusals.count_refusal(name, f"not a message of this type: {error!r}", self._commands.now_ns)
             else:
                 self._accepted()
 
@@ -98,7 +98,7 @@ class Intake:
         receive.__signature__ = inspect.signature(lambda message, information: None)  # type: ignore[attr-defined]
         open_subscription(node, topic, receive)
 
-    def settle(self, node: Any) -> dict[str, list[tuple[bytes, str]]]:
+    def find_publishers(self, node: Any) -> dict[str, list[tuple[bytes, str]]]:
         """List the present publishers of commands, and log the messages lost since the last call.
 
         Args:
@@ -110,7 +110,7 @@ class Intake:
         found = {name: publishers_of(node, name) for name in self.arrivals}
         for name, arrivals in self.arrivals.items():
             with self._lock:
-                lost = arrivals.settle(gid for gid, _ in found[name])
+                lost = arrivals.count_losses(gid for gid, _ in found[name])
             if lost:
                 text = f"lost {lost} message(s) on {name}: they arrived faster than they could be read"
                 self._throttle.warn(f"lost {name}", text)
@@ -120,7 +120,7 @@ class Intake:
         """Describe publishers that replace each other's commands.
 
         Args:
-            publishers: from `settle`.
+            publishers: from `find_publishers`.
 
         Returns:
             A line; empty when there are none.

@@ -34,7 +34,7 @@ class Arrivals:
         self._gaps = 0
         self._publishers: frozenset[bytes] = frozenset()
 
-    def add(self, number: int | None) -> int:
+    def count_message(self, number: int | None) -> int:
         """Count a message.
 
         Args:
@@ -63,7 +63,7 @@ class Arrivals:
         self._at = nearest
         return nearest
 
-    def settle(self, publishers: Iterable[bytes]) -> int:
+    def count_losses(self, publishers: Iterable[bytes]) -> int:
         """Decide whether the gaps since the last call are losses.
 
         Args:
@@ -93,7 +93,7 @@ class Turns:
         self._listed: frozenset[bytes] = frozenset()
         self._since = 0.0
 
-    def add(self, topic: str, stream: int) -> None:
+    def note_message(self, topic: str, stream: int) -> None:
         """Note a message.
 
         Args:

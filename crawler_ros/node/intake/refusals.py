@@ -112,7 +112,7 @@ class Refusals:
         """The reasons in the order of their first message."""
         return list(self._reasons.values())
 
-    def add(self, topic: str, why: str, now_ns: int) -> None:
+    def count_refusal(self, topic: str, why: str, now_ns: int) -> None:
         """Count a refused message and log the reason, each at most once a second for each topic.
 
         Args:

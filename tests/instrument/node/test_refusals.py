@@ -14,12 +14,12 @@ def refusals() -> Refusals:
 
 def test_reasons_that_differ_only_in_numbers_and_names_count_as_one():
     counted = refusals()
-    counted.add("a", "entry 0 is -1 N; friction must be >= 0", 5)
-    counted.add("a", "entry 12 is -2.5e-3 N; friction must be >= 0", 7)
-    counted.add("a", "no joint is called 'x y'; there are link_0", 8)
-    counted.add("a", "no joint is called 'z'; there are link_1", 9)
-    counted.add("b", "entry 0 is nan; it must be finite", 9)
-    counted.add("b", "entry 3 is inf; it must be finite", 10)
+    counted.count_refusal("a", "entry 0 is -1 N; friction must be >= 0", 5)
+    counted.count_refusal("a", "entry 12 is -2.5e-3 N; friction must be >= 0", 7)
+    counted.count_refusal("a", "no joint is called 'x y'; there are link_0", 8)
+    counted.count_refusal("a", "no joint is called 'z'; there are link_1", 9)
+    counted.count_refusal("b", "entry 0 is nan; it must be finite", 9)
+    counted.count_refusal("b", "entry 3 is inf; it must be finite", 10)
     found = [(r.topic, r.count, r.first_ns, r.last_ns) for r in counted.reasons]
     assert found == [("a", 2, 5, 7), ("a", 2, 8, 9), ("b", 2, 9, 10)]
     assert counted.reasons[0].why == "entry 0 is -1 N; friction must be >= 0"
@@ -29,7 +29,7 @@ def test_reasons_that_differ_only_in_numbers_and_names_count_as_one():
 def test_their_number_is_bounded():
     counted = refusals()
     for k in range(1000):
-        counted.add("a", f"reason {'x' * k}", k)
+        counted.count_refusal("a", f"reason {'x' * k}", k)
     assert len(counted.reasons) == 33
     assert counted.reasons[-1].why == "other reasons"
     assert sum(reason.count for reason in counted.reasons) == counted.total == 1000
@@ -56,7 +56,7 @@ def test_causes_within_one_second_are_logged_each_with_its_own_count(lines):
     for k in range(12):
         for number, cause in enumerate(causes):
             if k % (number + 1) == 0:
-                counted.add("commands", cause.format(k), k)
+                counted.count_refusal("commands", cause.format(k), k)
     first = [f"refused a message on commands: {cause.format(0)}" for cause in causes]
     assert logged == first
     throttle.flush()

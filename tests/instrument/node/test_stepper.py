@@ -149,6 +149,6 @@ def test_pauses_and_resets_do_not_change_the_factor_achieved():
 def test_counts_add_up_the_accounts_of_ticks():
     counts = Counts()
     for k, stability in enumerate((0.4, 0.1, 0.3), start=1):
-        counts.add(ambiguous=k == 2, overspent=k > 1, unsolved=k > 2)
+        counts.add_ticks(ambiguous=k == 2, overspent=k > 1, unsolved=k > 2)
         counts.add_jumps([Jump(0, 0.0, 0, None, 0.0, 0.5 * k)] * (k - 1), stability)
     assert counts == Counts(1, 2, 1, 3, 4.0, 0, 0.1)

@@ -20,7 +20,7 @@ def slips(gained, cuts=(), run=None):
     bounds = [0, *sorted(cuts), len(gained)]
     for a, b in itertools.pairwise(bounds):
         if b > a:
-            finder.add(run[a:b], time[a:b], time[a + 1 : b + 1], gained[a:b])
+            finder.add_ramps(run[a:b], time[a:b], time[a + 1 : b + 1], gained[a:b])
     return finder.finish()
 
 

@@ -224,27 +224,27 @@ def test_lost_messages_are_counted(ros):
 
 def test_gaps_are_told_apart_by_publisher():
     arrivals = Arrivals()
-    assert arrivals.settle([b"a", b"b"]) == 0
+    assert arrivals.count_losses([b"a", b"b"]) == 0
     for number in [1, 2, 3, 1, 4, 2, 5, 3]:
-        arrivals.add(number)
-    assert arrivals.settle([b"a", b"b"]) == 0
+        arrivals.count_message(number)
+    assert arrivals.count_losses([b"a", b"b"]) == 0
     for number in [9, 4, 10]:
-        arrivals.add(number)
-    assert arrivals.settle([b"a", b"b"]) == 3
-    arrivals.add(700)  # somebody has come: who sent it cannot be told
-    assert arrivals.settle([b"a", b"b", b"c"]) == 0
+        arrivals.count_message(number)
+    assert arrivals.count_losses([b"a", b"b"]) == 3
+    arrivals.count_message(700)  # somebody has come: who sent it cannot be told
+    assert arrivals.count_losses([b"a", b"b", b"c"]) == 0
     assert (arrivals.received, arrivals.lost) == (12, 3)
 
 
 def test_whoever_joins_in_mid_stream_has_lost_nothing():
     arrivals = Arrivals()
-    arrivals.settle([b"a"])
-    arrivals.add(500)
-    arrivals.add(501)
-    assert arrivals.settle([b"a"]) == 0
-    arrivals.add(503)
-    assert arrivals.settle([b"a"]) == 1
-    arrivals.add(None)
+    arrivals.count_losses([b"a"])
+    arrivals.count_message(500)
+    arrivals.count_message(501)
+    assert arrivals.count_losses([b"a"]) == 0
+    arrivals.count_message(503)
+    assert arrivals.count_losses([b"a"]) == 1
+    arrivals.count_message(None)
     assert arrivals.received == 4
 
 

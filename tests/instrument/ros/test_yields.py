@@ -173,7 +173,7 @@ def test_the_elements_of_a_segment_count_on_average(tmp_path):
     for k in range(100):
         crawler.advance([0.0, -0.5 * np.sin(0.1 * k)])
         lengths = crawler.body.joint_sum(crawler.actuation)
-        times.add(crawler.joint_elongation[None], lengths[None], np.array([10_000_000]))
+        times.add_ticks(crawler.joint_elongation[None], lengths[None], np.array([10_000_000]))
         u = crawler.shape - crawler.actuation
         stalled["trunk"] += int(u[trunk.springs].mean() > 0.3 * 0.25 / 4.0)
         stalled["link_0"] += int(u[crawler.body.link_springs[0]] > 0.4 / 8.0)
