@@ -137,7 +137,9 @@ def _find(
     """Fit, and find what is determined."""
     searched = find_fit(problem, coarse, starts, seconds, rng, progress)
     wander = not searched.interrupted
-    fit, structure = _settle(problem, release(problem, explore_minima(problem, searched, rng) if wander else searched))
+    fit, structure = _fit_determined(
+        problem, release(problem, explore_minima(problem, searched, rng) if wander else searched)
+    )
     if wander:
         fit = average_derivatives(problem, fit, np.isin(np.arange(problem.count), list(structure.fixed)), rng)
     return dataclasses.replace(
@@ -167,7 +169,7 @@ def _coarse(problem: Problem) -> Problem:
     return Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
 
 
-def _settle(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
+def _fit_determined(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     """Find what is determined, and fit again with the scale of ratios fixed by the scene."""
     space, count = problem.space, problem.space.origin.size
     origin = space.to_coordinates(space.origin)

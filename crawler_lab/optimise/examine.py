@@ -71,7 +71,7 @@ class Around(NamedTuple):
     plane: Plane | None
 
 
-def settle(space: Space, found: Found, limit: TimeLimit, mapped: bool) -> Around:
+def confirm_best(space: Space, found: Found, limit: TimeLimit, mapped: bool) -> Around:
     """Look around the best point of a search, and search on where it is beaten, until nothing around it is better.
 
     Args:
@@ -137,7 +137,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
     Returns:
         The optimum.
     """
-    around = settle(space, found, limit, request.mapped)
+    around = confirm_best(space, found, limit, request.mapped)
     goal, point = space.goal, found.point
     values = space.values(point)
     regime = _find_regime(space, unknowns, point)

@@ -376,7 +376,7 @@ class Body:
         if self.bends:
             actuation = np.array(actuation, dtype=np.float64)
             for bend in self.bends:
-                actuation[bend.spring] = bend.rest(float(actuation[bend.spring]))
+                actuation[bend.spring] = bend.relaxed_elongation(float(actuation[bend.spring]))
         if self.is_chain:
             return join((0.0, np.cumsum(actuation, axis=-1)))
         if self.stiffness.ndim == 2 or (self.dimension == 1 and actuation.ndim == 2):

@@ -235,7 +235,7 @@ class Bend:
         least = -np.inf if curve.first > 0.0 else float(curve.value[0])
         return least, np.inf if curve.last > 0.0 else float(curve.value[-1])
 
-    def rest(self, actuation: float) -> float:
+    def relaxed_elongation(self, actuation: float) -> float:
         """Find the elongation of the least tension or pressure; of several, the one nearest to 0.
 
         Args:

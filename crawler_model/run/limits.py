@@ -230,11 +230,11 @@ class _Search:
         period = np.vstack((targets[1:], targets[:1]))
         try:
             crawler.follow(targets[:1])
-            return self._settle(crawler, period)
+            return self._repeat_periods(crawler, period)
         except CommandError:  # it reaches ground on which nothing holds it
             return None
 
-    def _settle(self, crawler: Crawler, period: np.ndarray) -> float:
+    def _repeat_periods(self, crawler: Crawler, period: np.ndarray) -> float:
         """Follow periods until they repeat; return the gain of the last one [m]."""
         body, gained = self.scene.body, 0.0
         tension = determining_tension(body, crawler)

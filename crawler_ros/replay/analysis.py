@@ -201,12 +201,12 @@ def analyse(
     finder, yields = SlipFinder(), YieldSink(scene)
     receivers: list[Sink] = [finder, yields, *(sinks(survey, scene) if callable(sinks) else sinks)]
 
-    def rest(part: float) -> None:
+    def report_remaining(part: float) -> None:
         report(_SURVEYED + (1.0 - _SURVEYED) * part)
 
-    compared, why, fitted, method = _follow(survey, robot, scene, rate, [table, *receivers], rest)
+    compared, why, fitted, method = _follow(survey, robot, scene, rate, [table, *receivers], report_remaining)
     if compared is None:
-        contacts, stations = observe(survey, robot, table, receivers, rest)
+        contacts, stations = observe(survey, robot, table, receivers, report_remaining)
     else:
         assert scene is not None
         table.finish()

@@ -126,7 +126,7 @@ def test_a_gait_that_only_the_map_shows_is_returned() -> None:
     _, box = build_space(Scene.model_validate(document), Request("translation", waypoints=2, stroke=(0.0, 0.06)))
     for mapped, gain in ((False, 0.0), (True, 0.06 - 2.0 * 0.1 / 5.0)):
         found = search.Found(np.full(2, 0.5), 0.0)
-        around = examine.settle(box, found, limit.TimeLimit(0.0, None), mapped)
+        around = examine.confirm_best(box, found, limit.TimeLimit(0.0, None), mapped)
         assert found.score == pytest.approx(gain, abs=1e-12)
         assert (around.plane is None) != mapped
 
