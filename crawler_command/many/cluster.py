@@ -38,7 +38,7 @@ class Cluster:
         self.threads = threads
         """Number of threads of all workers."""
 
-    def run(self, function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
+    def run_jobs(self, function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """Run jobs; the jobs of a worker that dies are repeated on another.
 
         Args:

@@ -220,7 +220,7 @@ def _outcomes(
         from .cluster import connect
 
         with connect(scheduler) as cluster:
-            yield from cluster.run(tabulate, jobs)
+            yield from cluster.run_jobs(tabulate, jobs)
         return
     try:
         yield from run_on_cores(tabulate, jobs, min(workers or os.cpu_count() or 1, max(len(jobs), 1)))

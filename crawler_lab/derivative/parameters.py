@@ -169,7 +169,7 @@ def _differentiate_alone(
     base, size = _flat(scene)[0], _sizes(scene)
 
     @functools.cache
-    def at(step: float) -> np.ndarray:
+    def arrays_at(step: float) -> np.ndarray:
         arrays = _flat(Variations(scene, dict.fromkeys(changing, np.array([value + step])), (1,))[0])[0]
         if arrays.size != base.size:
             raise SceneError(
@@ -182,7 +182,7 @@ def _differentiate_alone(
     valid, error = 0, SceneError("")
     for places, side in ((_CENTRAL, 1.0), (_ONE_SIDED, 1.0), (_ONE_SIDED, -1.0)):
         try:
-            derivative, grows = _refine(at, (base, size), places, side * step)
+            derivative, grows = _refine(arrays_at, (base, size), places, side * step)
         except SceneError as refused:
             error = refused
             continue
@@ -196,7 +196,7 @@ def _differentiate_alone(
 
 
 def _refine(
-    at: Callable[[float], np.ndarray], origin: tuple[np.ndarray, np.ndarray], places: Sequence[int], step: float
+    arrays_at: Callable[[float], np.ndarray], origin: tuple[np.ndarray, np.ndarray], places: Sequence[int], step: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the derivative at 0 with steps that shrink, until differences of two steps agree.
 
@@ -211,7 +211,7 @@ def _refine(
     valid = False
     for _ in range(_TRIES):
         try:
-            found, finer = (_difference(at, base, places, length) for length in (step, step / _FINER))
+            found, finer = (_difference(arrays_at, base, places, length) for length in (step, step / _FINER))
         except SceneError as refused:
             error = error or refused
         else:
@@ -234,15 +234,17 @@ def _agree(derivative: np.ndarray, finer: np.ndarray, size: np.ndarray, step: fl
     return np.asarray(np.abs(derivative - finer) <= allowed)
 
 
-def _difference(at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float) -> np.ndarray:
+def _difference(
+    arrays_at: Callable[[float], np.ndarray], base: np.ndarray, places: Sequence[int], step: float
+) -> np.ndarray:
     """Compute the derivative at 0 from values at some places; from the two outermost where it is linear."""
-    first, last = at(places[0] * step) if places[0] else base, at(places[-1] * step)
+    first, last = arrays_at(places[0] * step) if places[0] else base, arrays_at(places[-1] * step)
     width = (places[-1] - places[0]) * step
-    middle = at(0.5 * (places[0] + places[-1]) * step) if places[0] == 0 else base
+    middle = arrays_at(0.5 * (places[0] + places[-1]) * step) if places[0] == 0 else base
     size = np.maximum(np.maximum(np.abs(first), np.abs(last)), np.abs(middle))
     if (np.abs((first + last) - 2.0 * middle) <= _LINEAR * size).all():
         return np.where(np.abs(last - first) <= _SAME * size, 0.0, (last - first) / width)
-    rows = np.array([at(place * step) if place else base for place in places])
+    rows = np.array([arrays_at(place * step) if place else base for place in places])
     changes = np.ptp(rows, axis=0) > _SAME * size
     return np.where(changes, _weights(places) @ (rows - base) / step, 0.0)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..identify.sensor.noise import Noise, Whitening, build_whitening, estimate_noise, find_floor
-from .loop import Path, Shape, compute_force, find_reversals, follow_stop
+from .loop import LoopPath, Shape, compute_force, find_reversals, follow_stop
 
 _MOST = Shape(3, 4)
 """Most knots and elements."""
@@ -53,7 +53,7 @@ class Target:
         least: square of a whitened residual below which digits count [1].
     """
 
-    path: Path
+    path: LoopPath
     force: np.ndarray
     whitening: Whitening
     reach: np.ndarray
@@ -88,7 +88,7 @@ def find_reach(elongation: np.ndarray) -> np.ndarray:
     return np.array([min(float(np.median(steps[steps > 0.0])), 0.1 * largest) if largest else 0.0, largest])
 
 
-def fit_loop(path: Path, force: np.ndarray, time: np.ndarray, reach: np.ndarray) -> tuple[Fit, Target, Noise]:
+def fit_loop(path: LoopPath, force: np.ndarray, time: np.ndarray, reach: np.ndarray) -> tuple[Fit, Target, Noise]:
     """Fit the least number of elements and pieces of a curve.
 
     Pieces and elements are added as long as the criterion falls. What is left tells the noise, whose memory makes rows
@@ -105,7 +105,7 @@ def fit_loop(path: Path, force: np.ndarray, time: np.ndarray, reach: np.ndarray)
     rows = np.unique(np.rint(np.linspace(0, force.size - 1, min(_ROWS, force.size))).astype(int))
     floor = find_floor(force[:, None])
     noise, extra = Noise(floor), np.zeros(force.size)
-    few = Target(path.take(rows), force[rows], build_whitening(noise, time[rows], extra[rows]), reach, 1.0)
+    few = Target(path.choose_rows(rows), force[rows], build_whitening(noise, time[rows], extra[rows]), reach, 1.0)
     slope = float(np.ptp(force)) / float(np.ptp(path.elongation))
     memory = _MEMORY * float(np.median(np.diff(time[find_reversals(path.elongation, 0.1 * np.ptp(path.elongation))])))
     best = refine(few, Shape(0, 0), np.array([float(force.mean()), slope]))

@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class LoopPath:
     """Elongations as monotone runs between turns, between which a stop is a line that is cut at both ends.
 
     Attributes:
@@ -23,7 +23,7 @@ class Path:
     turns: np.ndarray
     run: np.ndarray
 
-    def take(self, rows: np.ndarray) -> Path:
+    def choose_rows(self, rows: np.ndarray) -> LoopPath:
         """Choose rows, at which the elements have the same forces as before.
 
         Args:
@@ -32,7 +32,7 @@ class Path:
         Returns:
             The path.
         """
-        return Path(self.elongation[rows], self.turns, self.run[rows])
+        return LoopPath(self.elongation[rows], self.turns, self.run[rows])
 
 
 class Shape(NamedTuple):
@@ -56,7 +56,7 @@ class Shape(NamedTuple):
         return self.first_element + 3 * self.elements
 
 
-def build_path(elongation: np.ndarray) -> Path:
+def build_path(elongation: np.ndarray) -> LoopPath:
     """Find the turns of an elongation.
 
     Args:
@@ -70,7 +70,7 @@ def build_path(elongation: np.ndarray) -> Path:
     turning = moving[1:][change[moving[1:]] * change[moving[:-1]] < 0.0]
     starts = np.append(0, turning)
     run = np.searchsorted(starts, np.arange(elongation.size), side="right") - 1
-    return Path(elongation, elongation[starts], run)
+    return LoopPath(elongation, elongation[starts], run)
 
 
 def find_reversals(elongation: np.ndarray, least: float) -> np.ndarray:
@@ -99,7 +99,7 @@ def find_reversals(elongation: np.ndarray, least: float) -> np.ndarray:
     return np.array([*kept, last])
 
 
-def follow_stop(path: Path, reach: float, part: float) -> tuple[np.ndarray, np.ndarray]:
+def follow_stop(path: LoopPath, reach: float, part: float) -> tuple[np.ndarray, np.ndarray]:
     """Follow the stretch of an element.
 
     Args:
@@ -124,7 +124,7 @@ def follow_stop(path: Path, reach: float, part: float) -> tuple[np.ndarray, np.n
     return np.clip(raw, -reach, reach), ways
 
 
-def compute_spring(path: Path, shape: Shape, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_spring(path: LoopPath, shape: Shape, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the force of only the spring, and its derivatives with respect to its own parameters.
 
     Returns:
@@ -141,7 +141,7 @@ def compute_spring(path: Path, shape: Shape, x: np.ndarray) -> tuple[np.ndarray,
     return x[0] + slopes @ np.array(pieces), np.array([np.ones(z.size), *pieces, *moved])
 
 
-def compute_force(path: Path, shape: Shape, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compute_force(path: LoopPath, shape: Shape, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Compute the force of the spring and of all elements, and its derivatives.
 
     Returns:

@@ -200,7 +200,7 @@ def _simulate_on_cluster(
         size = max(min(count // (_CHUNKS_A_THREAD * cluster.threads), _MOST_IN_A_CHUNK), 1)
         firsts = range(0, count, size)
         try:
-            for k, (some, why) in cluster.run(run_chunk, ((variations[i : i + size], settings) for i in firsts)):
+            for k, (some, why) in cluster.run_jobs(run_chunk, ((variations[i : i + size], settings) for i in firsts)):
                 rows[firsts[k] : firsts[k] + some.size] = some
                 reasons.update({firsts[k] + i: text for i, text in why.items()})
                 done += some.size

@@ -143,7 +143,7 @@ def _assemble_couplings(parts: SceneParts, body: Body) -> tuple[Coupling, ...]:
     found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
     names = {segment.name: segment for segment in body.segments}
     for k, part in enumerate(parts.couplings):
-        key, at, added = f"friction.with_elongation: entry {k}", np.array(part.at), np.array(part.sides)
+        key, at, added = f"friction.with_elongation: entry {k}", np.array(part.knots), np.array(part.sides)
         if part.link is not None:
             _check_index(part.link, body.link_springs.size, f"{key}: link", "the links are")
             for i in part.contacts or ():

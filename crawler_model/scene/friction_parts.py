@@ -193,7 +193,7 @@ class CouplingPart(Part):
     )
 
     @property
-    def at(self) -> tuple[float, ...]:
+    def knots(self) -> tuple[float, ...]:
         """The elongations [m] or strains at which friction is given."""
         return self.elongation or self.strain or ()
 
@@ -202,7 +202,7 @@ class CouplingPart(Part):
         """Friction added forward and backward at each of them [N, N/m]."""
         if self.added is not None:
             return self.added, self.added
-        none = (0.0,) * len(self.at)
+        none = (0.0,) * len(self.knots)
         return self.forward or none, self.backward or none
 
     @model_validator(mode="after")
@@ -215,16 +215,16 @@ class CouplingPart(Part):
             if (getattr(self, name) is not None) != needed:
                 kind = "segment" if self.link is None else "link"
                 raise ValueError(f"{name}: {'missing' if needed else 'given'} beside `{kind}`")
-        if not self.at:
+        if not self.knots:
             raise ValueError(f"{key}: no values; give at least one")
-        _check_increasing(key, self.at, unit, "values")
+        _check_increasing(key, self.knots, unit, "values")
         given = {name: getattr(self, name) for name in ("added", "forward", "backward")}
         rows = {name: row for name, row in given.items() if row is not None}
         if not rows or (self.added is not None and len(rows) > 1):
             raise ValueError("give `added`, or `forward` and `backward`, not both")
         for name, row in rows.items():
-            if len(row) != len(self.at):
-                raise ValueError(f"{name}: {len(row)} value(s) for {len(self.at)} in `{key}`; give one for each")
+            if len(row) != len(self.knots):
+                raise ValueError(f"{name}: {len(row)} value(s) for {len(self.knots)} in `{key}`; give one for each")
             for value in row:
                 if value < 0.0:
                     raise ValueError(f"{name}: {value:g}; added friction must be >= 0")

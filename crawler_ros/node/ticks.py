@@ -111,7 +111,7 @@ class Ticks:
             shown: whether to send the states even where they are not due.
         """
         began_ns, tick, in_force = time.monotonic_ns(), self._stepper.tick, self._commands.in_force
-        taken = self._commands.take(self._stepper.times_ns(min(most, self.most)))
+        taken = self._commands.take_vertices(self._stepper.times_ns(min(most, self.most)))
         always = self._always[: taken.first.size - 1]
         sent = always if self._every == 1 else (np.arange(tick + 1, tick + 1 + always.size) % self._every == 0)
         if shown or taken.ended >= 0:

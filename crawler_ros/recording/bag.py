@@ -186,7 +186,7 @@ def _load(file: Path, begin: int, contents: Contents, source: Path, numbers: np.
 def _described(block: Block, source: Path, numbers: np.ndarray) -> Block:
     """Replace the channel numbers of a file by the recording's; leave out what nothing describes."""
     block = dataclasses.replace(block, source=source, channel=numbers[block.channel])
-    return block if (block.channel >= 0).all() else block.take(np.flatnonzero(block.channel >= 0))
+    return block if (block.channel >= 0).all() else block.select(np.flatnonzero(block.channel >= 0))
 
 
 class Record(NamedTuple):

@@ -69,7 +69,7 @@ class Block:
     publish_ns: np.ndarray
     begin: int = 0
 
-    def take(self, which: np.ndarray | slice) -> Block:
+    def select(self, which: np.ndarray | slice) -> Block:
         """Select messages, in the order of their indices `which`; the bytes stay."""
         columns = ("channel", "sequence", "first", "size", "log_ns", "publish_ns")
         return replace(self, **{name: getattr(self, name)[which] for name in columns})
@@ -121,7 +121,7 @@ class _Room:
     size: int
     left: int
 
-    def take(self, count: int) -> None:
+    def count_expanded(self, count: int) -> None:
         """Count expanded bytes; raise a BagError when they are more than any recording has."""
         self.left -= count
         if count > LARGEST_CHUNK or self.left < 0:
@@ -171,7 +171,7 @@ def read_file(file: Path, contents: Contents, begin: int = 0) -> Iterator[Block]
             if isinstance(record, Chunk):
                 contents.chunks += 1
                 data = _expand(record)
-                room.take(len(data))
+                room.count_expanded(len(data))
                 if len(data) == record.uncompressed_size and record.uncompressed_crc in (0, crc32(data)):
                     pending += data
                     ends.append(len(pending))
@@ -355,10 +355,10 @@ def _expand_messages(block: Block, contents: Contents, room: _Room) -> Block:
         if not data.startswith(_ZSTD_MAGIC):
             continue
         plain = _expand_zstd(data, LARGEST_CHUNK + 1)
-        room.take(len(plain))
+        room.count_expanded(len(plain))
         contents.damaged += not plain
         kept[k] = bool(plain)
         parts.append(np.frombuffer(plain, np.uint8))
         first[k], size[k] = total, len(plain)
         total += len(plain)
-    return replace(block, data=np.concatenate(parts), first=first, size=size).take(np.flatnonzero(kept))
+    return replace(block, data=np.concatenate(parts), first=first, size=size).select(np.flatnonzero(kept))

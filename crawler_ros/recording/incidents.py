@@ -88,10 +88,10 @@ def read_diagnostics(data: bytes) -> dict[str, Parts]:
     found: dict[str, Parts] = {}
     try:
         walk = CdrReader(data)
-        walk.take(2, 4)  # stamp
+        walk.skip(2, 4)  # stamp
         walk.text()  # frame_id
         for _ in range(walk.count()):
-            walk.take(1, 1)  # level
+            walk.skip(1, 1)  # level
             name, _, _ = walk.text(), walk.text(), walk.text()
             node, _, part = name.rpartition(": ")
             found.setdefault(node, {})[part] = {walk.text(): walk.text() for _ in range(walk.count())}

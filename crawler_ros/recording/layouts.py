@@ -33,7 +33,7 @@ class _Walk(CdrReader):
 
     def stamp(self) -> None:
         """Skip a time or duration."""
-        self.stamps.append(self.take(2, 4))
+        self.stamps.append(self.skip(2, 4))
 
     def count(self) -> int:
         """Read the length of a sequence."""
@@ -50,7 +50,7 @@ class _Walk(CdrReader):
     def skip_doubles(self, count: int | None = None) -> None:
         """Skip numbers, `count` of them or a sequence."""
         count = self.count() if count is None else count
-        self.numbers.append((self.take(count, 8), count))
+        self.numbers.append((self.skip(count, 8), count))
 
 
 @dataclass(frozen=True, eq=False)

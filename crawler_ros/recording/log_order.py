@@ -93,7 +93,7 @@ def _sort_to_disk(pieces: Sequence[Piece], ranks: np.ndarray) -> list[Piece]:
         if filled >= _SORTED_AT_ONCE or k + 1 == len(pieces):
             block = _sorted(_join(group), ranks)
             cuts = np.searchsorted(np.cumsum(block.size), np.arange(_SORTED_PIECE, block.data.size, _SORTED_PIECE))
-            made += [_store(stream, block.take(at)) for at in np.split(np.arange(block.size.size), cuts) if at.size]
+            made += [_store(stream, block.select(at)) for at in np.split(np.arange(block.size.size), cuts) if at.size]
             group, filled = [], 0
     return sorted(made, key=lambda piece: piece.first_ns)
 
@@ -137,9 +137,9 @@ def merge(
         for block in waiting:
             count = block.log_ns.size if until is None else int(np.searchsorted(block.log_ns, until))
             if count:
-                ready.append(block.take(slice(count)))
+                ready.append(block.select(slice(count)))
             if count < block.log_ns.size:
-                kept.append(block.take(slice(count, None)))
+                kept.append(block.select(slice(count, None)))
         waiting = kept
         if ready:
             if progress is not None:
@@ -157,7 +157,7 @@ def _sorted(block: Block, ranks: np.ndarray) -> Block:
     again = (np.diff(log_ns[order]) == 0) & (np.diff(rank[order]) == 0)
     if again.any():  # on one channel at the same time: as a writer with coarse clocks leaves them
         order = np.lexsort((block.sequence, block.publish_ns, _stamps(block), rank, log_ns))
-    return block.take(order)
+    return block.select(order)
 
 
 def _stamps(block: Block) -> np.ndarray:

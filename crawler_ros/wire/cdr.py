@@ -87,7 +87,7 @@ class CdrReader:
         self._count = struct.Struct(self.order + "I")
         self._stamp = struct.Struct(self.order + "iI")
 
-    def take(self, count: int, size: int) -> int:
+    def skip(self, count: int, size: int) -> int:
         """Skip `count` items of `size` bytes; return where they begin."""
         if count:
             self.place += -(self.place - HEAD) % min(size, self._largest)
@@ -100,11 +100,11 @@ class CdrReader:
 
     def count(self) -> int:
         """Read the length of a sequence."""
-        return int(self._count.unpack_from(self.data, self.take(1, 4))[0])
+        return int(self._count.unpack_from(self.data, self.skip(1, 4))[0])
 
     def ns(self) -> int:
         """Read a time or duration [ns]."""
-        first = self.take(2, 4)
+        first = self.skip(2, 4)
         seconds, rest = self._stamp.unpack_from(self.data, first)
         if rest >= NS:
             raise wrong_nanosec(rest)
@@ -113,13 +113,13 @@ class CdrReader:
     def text(self) -> str:
         """Read a string."""
         size = self.count()
-        first = self.take(size, 1)
+        first = self.skip(size, 1)
         return bytes(self.data[first : first + size]).rstrip(b"\0").decode(errors="replace")
 
     def doubles(self) -> np.ndarray:
         """Read a sequence of numbers, shape (count,), a view of the bytes."""
         size = self.count()
-        first = self.take(size, 8)
+        first = self.skip(size, 8)
         return np.frombuffer(self.data, self.order + "f8", size, first)
 
     def end(self, sequences: int) -> None:

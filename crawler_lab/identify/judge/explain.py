@@ -178,7 +178,7 @@ def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> lis
     Without recorded commands the drive has the waypoints of one period, and what depends on time or place has
     no effect.
     """
-    found = replica.at(values)
+    found = replica.motion_at(values)
     if found is None:
         return []
     scene, x = found

@@ -140,7 +140,7 @@ class Replica:
         other.measured = measured
         return other
 
-    def at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
+    def motion_at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
         """Build the scene at some values, and its motion at the rows of the recording.
 
         Returns:

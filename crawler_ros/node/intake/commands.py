@@ -243,7 +243,7 @@ class CommandQueue:
         """Whether there is no message left that would trigger a tick in lock-step."""
         return not (self._path.ahead or self._turns)
 
-    def take(self, times_ns: np.ndarray) -> Vertices:
+    def take_vertices(self, times_ns: np.ndarray) -> Vertices:
         """Take the vertices of the next ticks, in the order in which they must be followed.
 
         Messages that wait are taken for one tick. The k-th actuation, friction and load array make one vertex; arrays

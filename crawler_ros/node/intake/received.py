@@ -60,8 +60,8 @@ def read_array(data: bytes) -> np.ndarray:
     reader = CdrReader(data)
     for _ in range(reader.count()):  # dimensions: label, size, stride
         reader.text()
-        reader.take(2, 4)
-    reader.take(1, 4)  # data_offset
+        reader.skip(2, 4)
+    reader.skip(1, 4)  # data_offset
     values = reader.doubles()
     reader.end(1)
     return values
@@ -84,7 +84,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
     stamp_ns = reader.ns()
     reader.text()  # frame_id
     count = reader.count()
-    reader.take(count, 4)  # a name has at least four bytes: refuse counts that cannot be true
+    reader.skip(count, 4)  # a name has at least four bytes: refuse counts that cannot be true
     reader.place -= 4 * count
     names = tuple(reader.text() for _ in range(count))
     points = reader.count()
@@ -142,7 +142,7 @@ def _read_equal_points(
     for _ in range(4):  # positions, velocities, accelerations, effort
         form[reader.place - model : reader.place - model + 4] = True
         count = reader.count()
-        begins.append(reader.take(count, 8) - model)
+        begins.append(reader.skip(count, 8) - model)
     begin = begins[0]
     expected = np.frombuffer(data, np.uint8, size, model)[form]
     same = (table[:, form] == expected).all(axis=1)

@@ -21,7 +21,7 @@ def queue(contacts=3, lock_step=False) -> CommandQueue:
 
 def take(commands, tick=0, lasts_ns=TICK):
     """Take the vertices of one tick."""
-    taken = commands.take(lasts_ns * np.arange(tick, tick + 2))
+    taken = commands.take_vertices(lasts_ns * np.arange(tick, tick + 2))
     return list(map(Vertex, taken.due_ns.tolist(), taken.rows))
 
 
@@ -437,9 +437,9 @@ def test_vertices_taken_ahead_are_those_of_one_tick_after_another_to_the_bit(loc
         take(commands)  # the trajectory joins the path
     tick, ended = 1, False
     while not ended:
-        taken = ahead.take(TICK * np.arange(tick, tick + 1 + random.integers(1, 6)))
+        taken = ahead.take_vertices(TICK * np.arange(tick, tick + 1 + random.integers(1, 6)))
         for k in range(taken.first.size - 1):
-            one = alone.take(TICK * np.arange(tick + k, tick + k + 2))
+            one = alone.take_vertices(TICK * np.arange(tick + k, tick + k + 2))
             which = slice(*taken.first[k : k + 2])
             assert one.times_ns.tolist() == taken.times_ns[k : k + 2].tolist()
             assert one.due_ns.tolist() == taken.due_ns[which].tolist()

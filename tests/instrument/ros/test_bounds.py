@@ -144,7 +144,7 @@ def test_what_waits_is_bounded_and_what_is_refused_is_counted(monkeypatch, lock_
     assert all("at most 100 may wait" in text for text in refusals)
     assert commands.waiting <= 100
     for tick in range(200):  # ticks make room again
-        commands.take(SECOND * np.arange(tick, tick + 2))
+        commands.take_vertices(SECOND * np.arange(tick, tick + 2))
     if kind == "friction" and lock_step:
         assert commands.waiting == 100  # no tick without an actuation
     else:
@@ -156,7 +156,7 @@ def test_a_path_that_still_runs_counts():
     commands = queue()
     most = commands.most_waiting
     commands.accept_trajectory(["link_0"], np.arange(most - 10) * SECOND // 10, np.zeros((most - 10, 1)), 0)
-    commands.take(SECOND * np.arange(2))
+    commands.take_vertices(SECOND * np.arange(2))
     with pytest.raises(CommandError, match="may wait"):
         commands.accept_trajectory(["link_0"], np.arange(100), np.zeros((100, 1)), 30 * SECOND)
 

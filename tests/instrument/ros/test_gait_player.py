@@ -56,7 +56,7 @@ def test_what_is_sent_can_be_commanded(name):
     assert names
     queue = CommandQueue(scene.columns, scene.drive.rows[0])
     queue.accept_trajectory(names, [0] * len(rows), rows, 0)
-    taken = queue.take(np.array([0, 10**9]))
+    taken = queue.take_vertices(np.array([0, 10**9]))
     if len(taken.rows):
         assert taken.rows[-1].tolist() == scene.drive.rows[-1].tolist()
 
