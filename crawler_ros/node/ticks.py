@@ -152,10 +152,10 @@ class Ticks:
         poses = encoder.poses[:count]
         poses[:, ::4] = np.vecdot(moved, crawler.body.share)  # x and its gain, each to the bit as one product
         if "odom" in encoder.places:
-            poses[:, 4] /= (np.diff(times_ns) / NS)[read]
+            poses[:, 4] /= ((times_ns[1:] - times_ns[:-1]) / NS)[read]  # np.diff takes twice as long
         if self.yields is not None:
             targets = np.vstack((self._columns.target(in_force[None]), targets))[taken.first[1:]]  # at the end of each
-            self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], np.diff(times_ns))
+            self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], times_ns[1:] - times_ns[:-1])
         return accounts
 
     def _follow_each(
