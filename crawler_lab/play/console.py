@@ -1,14 +1,15 @@
 """A robot with topics as what the server shows and commands: the simulator in another process, or a real one.
 
-The command goes to the topics in straight ramps of limited rate. It stops where it is when the page that has the hand
-is closed or falls silent; with this process it ends, and the robot holds the last command that it received.
+The command goes to the robot as short trajectories, in straight ramps of limited rate. It stops where it is when the
+page that has the hand is closed or falls silent; with this process it ends, and the robot holds the end of the last
+trajectory that it received.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -16,22 +17,21 @@ from typing import Any
 import numpy as np
 import rclpy
 from rclpy.exceptions import InvalidNamespaceException
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_namespace import validate_namespace
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 from crawler_model import CommandError, CrawlerError, Scene
 from crawler_model.theory.stasis import bound_distances
 from crawler_pictures.ground import local_bounds
+from crawler_ros.node.intake.peers import RIVAL_TOPICS
 from crawler_ros.node.life.log_pipe import unblocked_log
 from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import stay_on_loopback
 from crawler_ros.wire.definitions import find_ament_prefix
-from crawler_ros.wire.messages import read_stamp
+from crawler_ros.wire.messages import TrajectoryMessage, read_stamp
 from crawler_ros.wire.states import contact_names, find_command, joint_state_names
 from crawler_ros.wire.topics import qos_profile, read_topics
 
@@ -42,9 +42,11 @@ from .view import Instant
 SLEW = 0.5
 """Largest rate of a command: part of the range of its slider per second."""
 _STATES = ("joint_states", "contact_states")
-_COMMANDS = ("load_controller/commands", "friction_controller/commands", "actuation_controller/commands")
-"""In the order in which they are sent: friction and loads take effect with the next actuation."""
-_RIVALS = (*_COMMANDS, "joint_trajectory", "actuation_controller/joint_trajectory")
+_COMMANDS = "joint_trajectory"
+_UNREAD = 1000
+"""States that wait between two frames; of more, the oldest are lost."""
+_LONGEST = 0.1
+"""Longest time of a trajectory [s]: as long as the robot goes on if nothing more is sent."""
 _LOOKS = 0.5
 """Time after which it looks again who else commands [s]."""
 _SILENCE = 1.0
@@ -76,45 +78,49 @@ class Console(Robot):
         self.playing, self.speed, self.held = False, 1.0, "nothing was commanded yet"
         self.sent = self.received = self.seen = 0
         self._stamp = 0  # of the last state [ns]
+        self._began = 0  # states seen before the robot began anew
         self.error = ""
         self._first = scene.body.dimension if scene.body.turning is None else 3  # of a joint behind the root
         self.row: np.ndarray | None = None  # as sent last; None before the first command
-        self._closes = False  # whether lengths follow once more
         self._unanswered: float | None = None  # since when the robot has been silent after a command [s]
         self._past: list[list[Any]] = []
         self._looked, self._rivals = -_LOOKS, list[str]()
         self._arrived: dict[str, bytes] = {}
         self._names = dict(zip(_STATES, (joint_state_names(scene.body), contact_names(scene.body)), strict=True))
-        topics = read_topics()
-        self._publishers = {
-            name: node.create_publisher(Float64MultiArray, name, qos_profile(topics[name])) for name in _COMMANDS
-        }
+        topics, columns = read_topics(), scene.columns
+        self._columns = [i for i, name in enumerate(columns.names) if name in columns.aliases]
+        self._message = TrajectoryMessage([columns.names[i] for i in self._columns])
+        self._publisher = node.create_publisher(JointTrajectory, _COMMANDS, qos_profile(topics[_COMMANDS]))
         self.instant = self._measure()
-        self._executor = SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(node)
+        self._subscriptions = {}
         for name in _STATES:
             profile = qos_profile(topics[name])
-            profile.depth, profile.reliability = 1, ReliabilityPolicy.BEST_EFFORT  # the newest state is enough
-            node.create_subscription(JointState, name, self._receiver(name), profile, raw=True)
+            profile.depth = _UNREAD
+            self._subscriptions[name] = node.create_subscription(JointState, name, lambda _: None, profile, raw=True)
 
-    def _receiver(self, name: str) -> Callable[[bytes], None]:
-        def receive(data: bytes) -> None:
-            self._arrived[name] = data
-            if name == _STATES[0]:
-                self.received += 1
-                self._unanswered = None
-
-        return receive
+    def _take(self, name: str) -> list[bytes]:
+        """Take all messages that wait; an executor would wake for each, which takes ten times as long."""
+        subscription, taken = self._subscriptions[name], list[bytes]()
+        with subscription.handle:
+            while len(taken) < _UNREAD and (found := subscription.handle.take_message(JointState, True)) is not None:
+                taken.append(found[0])
+        if taken:
+            self._arrived[name] = taken[-1]
+        return taken
 
     def _read(self, name: str) -> np.ndarray:
-        """Read positions, velocities and efforts of the last message, shape (3, M); zeros before the first.
+        """Read positions, velocities and efforts of the last message, as `_parse` does; zeros before the first."""
+        if name not in self._arrived:
+            return np.zeros((3, len(self._names[name])))
+        return self._parse(name, self._arrived[name])
+
+    def _parse(self, name: str, data: bytes) -> np.ndarray:
+        """Read positions, velocities and efforts of a message, shape (3, M).
 
         Raises:
             CommandError: if another body answers.
         """
-        if name not in self._arrived:
-            return np.zeros((3, len(self._names[name])))
-        message = deserialize_message(self._arrived[name], JointState)
+        message = deserialize_message(data, JointState)
         if list(message.name) != self._names[name]:
             raise CommandError(f"{name} has {', '.join(message.name[:4])}: the robot differs from {self.scene.name}")
         return np.array([message.position, message.velocity, message.effort])
@@ -170,22 +176,21 @@ class Console(Robot):
 
     def advance(self, seconds: float) -> None:
         """Send the next command of the ramp, and remember what the robot did."""
-        for _ in _STATES:
-            self._executor.spin_once(timeout_sec=0.0)
+        answers, contacts = (self._take(name) for name in _STATES)
+        if answers:
+            self.received += len(answers)
+            self._unanswered = None
         if self._is_silent:
             self.hold(_NO_ANSWER)
         try:
             self.instant = self._measure()
+            self._remember(contacts)
         except CommandError as error:
             self._arrived.clear()
             self.error = str(error)
             self.hold("another robot answers")
         if self._arrived:
             self._hold_after_reset()
-            net = self.scene.body.share @ self.instant.displacement
-            self._past.append(self.write_past(time.monotonic(), net, self.instant.state))
-            self.seen += 1
-            del self._past[:-PAST]
         if self.row is None or self.held:
             return
         ns = round(min(seconds, 0.1) * 1e9 * self.speed) if self.playing else 0
@@ -193,11 +198,29 @@ class Console(Robot):
         goal = self.controls.tilt(rows, self.settings.slope)[-1]
         way = goal - self.row
         if not way.any():
-            if self._closes:
-                self._send(self.row)
             return
-        parts = np.abs(way) / (SLEW * min(seconds, 0.1) * self._ranges())
-        self._send(goal if parts.max() <= 1.0 else self.row + way / parts.max())
+        seconds = min(seconds, _LONGEST)
+        parts = np.abs(way) / (SLEW * seconds * self._ranges())
+        self._send(goal if parts.max() <= 1.0 else self.row + way / parts.max(), round(seconds * 1e9))
+
+    def _remember(self, contacts: list[bytes]) -> None:
+        """Keep what contacts did in all states that came: a slip may be shorter than a frame."""
+        share, home = self.scene.body.share, self.scene.body.position
+        for data in contacts:
+            stamp = read_stamp(data)
+            if self._past and stamp / 1e9 < self._past[-1][0]:  # the robot began anew
+                self._past.clear()
+                self._began = self.seen
+            place, velocity, _ = self._parse(_STATES[1], data).reshape(3, *home.shape)
+            self._past.append(self.write_past(stamp / 1e9, share @ (place - home), self._slides(velocity)))
+            self.seen += 1
+        del self._past[:-PAST]
+
+    def _slides(self, velocity: np.ndarray) -> np.ndarray:
+        """Find how each contact slides from its velocity [m/s], shape (N,) as in `Instant`."""
+        if self.scene.body.dimension == 1:
+            return (np.sign(velocity) * (np.abs(velocity) > _RESTS)).astype(np.int8)
+        return (np.abs(velocity) > _RESTS).any(axis=1).astype(np.int8)
 
     @property
     def _now_ns(self) -> int:
@@ -210,7 +233,7 @@ class Console(Robot):
         if self._stamp >= last or self.row is None:
             return
         self.hold("the robot began anew")
-        self.row, self._closes = None, False
+        self.row = None
         self.settings = replace(self.settings, hand=tuple(self._find_row().tolist()))
 
     def _ranges(self) -> np.ndarray:
@@ -220,23 +243,9 @@ class Console(Robot):
             ranges[list(control.columns)] = control.most - control.least
         return ranges
 
-    def _send(self, row: np.ndarray) -> None:
-        """Publish what changes; always the lengths, with which friction and loads take effect.
-
-        Messages of several topics may be taken in another order, so lengths follow once more after the last friction.
-        """
-        columns, before = self.scene.columns, self._base
-        self._closes = False
-        ends = np.cumsum([columns.lengths, columns.frictions])
-        sizes = (columns.load_sizes, np.tile(columns.friction_sizes, columns.sides), columns.actuation_sizes)
-        parts = zip(_COMMANDS, reversed(np.split(row, ends)), reversed(np.split(before, ends)), sizes, strict=True)
-        for name, part, old, size in parts:
-            changes = bool((part != old).any())
-            self._closes |= changes and name != _COMMANDS[-1]
-            if changes or name == _COMMANDS[-1]:
-                if columns.segments:  # one number for all columns of a segment
-                    part = part[np.concatenate(([0], np.cumsum(size)[:-1])).astype(np.int64)]
-                self._publishers[name].publish(Float64MultiArray(data=part.tolist()))
+    def _send(self, row: np.ndarray, ns: int) -> None:
+        """Publish a trajectory to a row that takes some time [ns]."""
+        self._publisher.publish(self._message.encode(0, [ns], [row[self._columns]]))
         self.row = row
         self.sent += 1
         if self._unanswered is None:
@@ -255,12 +264,9 @@ class Console(Robot):
             if scene.columns.slope_load is not None:
                 force = force - target[-body.contacts :]
             margins = bound_distances(force, *local_bounds(scene, target, displacement))
-            state = np.sign(velocity) * (np.abs(velocity) > _RESTS)
-        else:
-            state = (np.abs(velocity) > _RESTS).any(axis=1)
         shape = (-1, 2) if body.dimension == 2 and body.turning is None else (-1,)
         lengths = target[: body.lengths].reshape(shape)
-        return Instant(displacement, tension.reshape(shape), force, margins, state.astype(np.int8), target, lengths)
+        return Instant(displacement, tension.reshape(shape), force, margins, self._slides(velocity), target, lengths)
 
     def frame(self) -> dict[str, Any]:
         """Describe the present instant."""
@@ -280,7 +286,7 @@ class Console(Robot):
     def _tell(self) -> list[str]:
         """Tell who listens, who answers and who else commands."""
         node, told = self.node, []
-        listeners = node.count_subscribers(_COMMANDS[-1])
+        listeners = node.count_subscribers(_COMMANDS)
         heard = f"{listeners} listener{'s' * (listeners != 1)}"
         told.append(f"{self.sent} commands sent to {heard}; {self.received} states read")
         told.append(f"holds: {self.held}" if self.held else "commands at half the range of a slider per second at most")
@@ -291,7 +297,7 @@ class Console(Robot):
     def _find_rivals(self) -> Iterator[str]:
         """Tell who else commands; to ask costs more than all else of a frame."""
         node = self.node
-        for topic in _RIVALS:
+        for topic in (name for names in RIVAL_TOPICS for name in names):
             own = node.get_name(), node.get_namespace()
             ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
             others = sorted({end.node_name for end in ends if (end.node_name, end.node_namespace) != own})
@@ -305,8 +311,9 @@ class Console(Robot):
 
     def past(self, known: tuple[Any, ...] | None) -> tuple[bool, list[list[Any]]]:
         """List the states since then, or the last ones."""
-        count = PAST if known is None else self.seen - known[0]
-        return known is None, self._past[max(len(self._past) - count, 0) :]
+        if known is None or known[0] < self._began:
+            return True, self._past
+        return False, self._past[max(len(self._past) - self.seen + known[0], 0) :]
 
 
 @contextmanager

@@ -31,14 +31,18 @@ _TURN = 2.0 * np.pi
 """Limits of the revolute joints, and so of commanded angles [rad]."""
 _EFFORT = 1e9
 """Limit of the force of joints without limits of tension [N]."""
+_HARDWARE = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 
 
-def describe_robot(scene: Scene, world: str = "world") -> str:
-    """Build the URDF of a scene's body.
+def describe_robot(
+    scene: Scene, world: str = "world", topics: tuple[str, str] = ("joint_commands", "joint_states")
+) -> str:
+    """Build the URDF of a scene's body, with a `ros2_control` tag for hardware that is based on topics.
 
     Args:
         scene: the scene.
         world: name of the fixed frame, the root of the tree.
+        topics: on which the hardware sends its commands and receives the states.
 
     Returns:
         The XML text.
@@ -61,7 +65,7 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
     _add_joints(robot, stations[0], world, frames[0], place[0], 1.0, (_REACH * span, _EFFORT), planar)
     if body.turning is not None:
         _add_turning(robot, TurningTree(body), joints, frames, (_REACH * span, size))
-        return _write(robot)
+        return _write(robot, scene, topics)
     efforts = _largest_efforts(body)
     for known, new, joint, sign in tree_of_joints(body):
         offset, limits = place[new] - place[known], (_REACH * span, efforts.get(joint, _EFFORT))
@@ -71,10 +75,31 @@ def describe_robot(scene: Scene, world: str = "world") -> str:
         if known != new:
             names = (f"{stations[new]}_fixed", "fixed"), (frames[known], frames[new])
             _add_joint(robot, *names, (np.zeros(3), 0.0), (1.0, 0.0, 0.0))
-    return _write(robot)
+    return _write(robot, scene, topics)
 
 
-def _write(robot: ET.Element) -> str:
+def _write(robot: ET.Element, scene: Scene, topics: tuple[str, str]) -> str:
+    """Add what controls the joints, and write the text."""
+    control = ET.SubElement(robot, "ros2_control", name=scene.name, type="system")
+    hardware = ET.SubElement(control, "hardware")
+    ET.SubElement(hardware, "plugin").text = _HARDWARE
+    parameters = {
+        "joint_commands_topic": topics[0],
+        "joint_states_topic": topics[1],
+        # commands near the positions would not be sent; but where friction holds, these are not the lengths commanded
+        "trigger_joint_command_threshold": "-1",
+    }
+    for name, value in parameters.items():
+        ET.SubElement(hardware, "param", name=name).text = value
+    columns = scene.columns
+    commanded = {name for name, places in columns.aliases.items() if places[0] < columns.lengths}
+    # only joints with commands: positions and names of its messages would not match otherwise
+    for name in [joint.get("name", "") for joint in robot.iterfind("joint")]:
+        if name in commanded:
+            joint = ET.SubElement(control, "joint", name=name)
+            ET.SubElement(joint, "command_interface", name="position")
+            for interface in ("position", "velocity", "effort"):
+                ET.SubElement(joint, "state_interface", name=interface)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 

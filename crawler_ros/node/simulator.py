@@ -200,7 +200,8 @@ class Simulator(QuietNode):
             if self._outlets["robot_description"].wanted:
                 from .robot_description import describe_robot
 
-                text = describe_robot(self.scene, self.values["frame_id"])
+                topics = self.resolve_topic_name("joint_commands"), self.resolve_topic_name("joint_states")
+                text = describe_robot(self.scene, self.values["frame_id"], topics)
                 self._outlets["robot_description"].send(encode_string(text))
             self.ticks.send_start()
         self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent

@@ -11,19 +11,12 @@ import numpy as np
 from crawler_model.body.drive import NS
 
 from ..recording.recorded_robot import Robot
+from ..wire.topics import read_topics
 from .cycle_table import Cycle
 from .health import Survey
 from .ramps import RampTable
 
-COMMANDS = (
-    "joint_trajectory",
-    "actuation_controller/commands",
-    "actuation_controller/joint_trajectory",
-    "friction_controller/commands",
-    "load_controller/commands",
-)
-
-
+_COMMANDS = tuple(topic.name for topic in read_topics().values() if topic.direction == "in")
 _UNKNOWN = "the commands in force were not recorded"
 _LEAST_S = 1.0
 """A shorter rest is not reported where the commands do not repeat."""
@@ -197,7 +190,7 @@ def find_standstill(table: RampTable, survey: Survey, robot: Robot) -> Standstil
 
 def _last_message(survey: Survey, robot: Robot) -> tuple[str | None, float | None]:
     """Find the last command message, and the time of the last state before it arrived; None before a reset."""
-    recorded = {name: survey.topics.get(robot.recorded(name)) for name in COMMANDS}
+    recorded = {name: survey.topics.get(robot.recorded(name)) for name in _COMMANDS}
     received = {name: topic.log_ns[-1] for name, topic in recorded.items() if topic is not None}
     states = survey.topics.get(robot.recorded("joint_states"))
     if not received or states is None:

@@ -20,13 +20,16 @@ _LONGEST_NS = 86_400 * NS
 """A longer trajectory is a mistake; in lock-step all its ticks would run at once."""
 
 
-def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) -> list[np.ndarray]:
-    """Find the columns that the names of a trajectory command.
+def named_columns(
+    columns: Columns, names: Sequence[str], only_lengths: bool, what: str = "trajectory"
+) -> list[np.ndarray]:
+    """Find the columns that the names of a message command.
 
     Args:
         columns: the columns that can be commanded.
         names: the names in the message.
         only_lengths: whether only links and segments may be named.
+        what: name of the message, for the errors.
 
     Returns:
         The columns of each name.
@@ -37,16 +40,16 @@ def named_columns(columns: Columns, names: Sequence[str], only_lengths: bool) ->
     found = []
     for name in names:
         if name not in columns.aliases:
-            raise CommandError(f"trajectory: no joint is called {name!r}; {_known(columns, name)}")
+            raise CommandError(f"{what}: no joint is called {name!r}; {_known(columns, name)}")
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
             kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
             items = "links and segments" if columns.joints is None else "links and joints"
-            raise CommandError(f"trajectory: {name!r} is a {kind}; this topic takes only {items}")
+            raise CommandError(f"{what}: {name!r} is a {kind}; this topic takes only {items}")
     taken: set[int] = set()
     for name, places in zip(names, found, strict=True):
         if not taken.isdisjoint(places.tolist()):
-            raise CommandError(f"trajectory: a joint is named twice, at last by {name!r}; name each one once")
+            raise CommandError(f"{what}: a joint is named twice, at last by {name!r}; name each one once")
         taken.update(places.tolist())
     return found
 

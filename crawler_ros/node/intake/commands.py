@@ -136,6 +136,32 @@ class CommandQueue:
         if not self._limits.hold(row):  # both checks in one
             checks.check_finite("actuation command", array)
             self._limits.check("actuation command", self._columns.names, row)
+        self._queue_lengths(row)
+
+    def accept_joints(self, names: Sequence[str], positions: np.ndarray) -> None:
+        """Accept commands for links, segments and joints by name; those that are not named keep theirs.
+
+        Args:
+            names: their N names, in any order.
+            positions: of each, as in a trajectory; NaN where nothing is commanded, shape (N,).
+
+        Raises:
+            CommandError: naming the invalid name or value, or on a full queue.
+        """
+        what = "joint command"
+        places = checks.named_columns(self._columns, names, only_lengths=True, what=what)
+        if positions.size != len(names):
+            raise CommandError(
+                f"{what}: {positions.size} position(s) for {len(names)} name(s); it needs one each, NaN to hold a joint"
+            )
+        row = np.full(self._lengths, np.nan)
+        for columns, value in zip(places, positions, strict=True):
+            row[columns] = value
+        self._limits.check(what, self._columns.names, row)
+        self._queue_lengths(row)
+
+    def _queue_lengths(self, row: np.ndarray) -> None:
+        """Queue what commands all lengths, strains and angles, shape (lengths,); NaN holds."""
         with self._lock:
             self._reserve(1)
             self._pending += 1
@@ -344,7 +370,7 @@ class CommandQueue:
         for k in range(count):
             row = row.copy()
             if k < len(actuation):
-                row[: self._lengths] = actuation[k]
+                np.copyto(row[: self._lengths], actuation[k], where=~np.isnan(actuation[k]))
             for first, waiting in beside.items():
                 if k < len(waiting):
                     row[first : first + waiting[k].size] = waiting[k]

@@ -13,7 +13,7 @@ from crawler_model.body.drive import NS
 from ...wire.topics import Topic, open_subscription
 from .commands import CommandQueue
 from .peers import RIVAL_TOPICS, Arrivals, Turns, publishers_of
-from .received import read_array, read_trajectory
+from .received import read_array, read_joints, read_trajectory
 from .refusals import Refusals, Throttle
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _OVERHEAD_BYTES = 1 << 16  # header, labels of dimensions
 _LARGEST_BYTES = 1 << 26
+_LONGEST_NAME = 256
 
 
 class Intake:
@@ -55,6 +56,7 @@ class Intake:
         self._handlers: dict[str, tuple[Callable[[bytes], None], int]] = {
             "joint_trajectory": (self._accept_trajectory, array + points),
             "actuation_controller/joint_trajectory": (self._accept_lengths, array + points),
+            "joint_commands": (self._accept_joints, 2 * array + _LONGEST_NAME * columns),
             "actuation_controller/commands": (lambda data: commands.accept_actuation(read_array(data)), array),
             "friction_controller/commands": (lambda data: commands.accept_friction(read_array(data)), array),
             "load_controller/commands": (lambda data: commands.accept_loads(read_array(data)), array),
@@ -156,6 +158,12 @@ class Intake:
     def lost(self) -> int:
         """Number of messages that did not arrive."""
         return sum(a.lost for a in self.arrivals.values())
+
+    def _accept_joints(self, data: bytes) -> None:
+        names, positions, has_more = read_joints(data)
+        if has_more:
+            self._throttle.warn("efforts", "velocities and efforts of joint commands are not followed, only positions")
+        self._commands.accept_joints(names, positions)
 
     def _accept_lengths(self, data: bytes) -> None:
         self._accept_trajectory(data, only_lengths=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 RIVAL_TOPICS = (
-    ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory"),
+    ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory", "joint_commands"),
     ("friction_controller/commands",),
     ("load_controller/commands",),
 )

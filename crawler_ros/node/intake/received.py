@@ -67,6 +67,34 @@ def read_array(data: bytes) -> np.ndarray:
     return values
 
 
+def read_joints(data: bytes) -> tuple[tuple[str, ...], np.ndarray, bool]:
+    """Read the positions of a sensor_msgs/JointState.
+
+    Args:
+        data: its CDR bytes.
+
+    Returns:
+        The names of the joints; their positions, as many as the message has; and whether it has velocities or efforts.
+
+    Raises:
+        CommandError: when the bytes are not such a message.
+    """
+    reader = CdrReader(data)
+    reader.ns()
+    reader.text()  # frame_id
+    names = _names(reader)
+    positions, velocities, efforts = (reader.doubles() for _ in range(3))
+    reader.end(3)
+    return names, positions, bool(velocities.size or efforts.size)
+
+
+def _names(reader: CdrReader) -> tuple[str, ...]:
+    count = reader.count()
+    reader.skip(count, 4)  # a name has at least four bytes: refuse counts that cannot be true
+    reader.place -= 4 * count
+    return tuple(reader.text() for _ in range(count))
+
+
 def read_trajectory(data: bytes) -> ReceivedTrajectory:
     """Read a trajectory_msgs/JointTrajectory.
 
@@ -83,10 +111,7 @@ def read_trajectory(data: bytes) -> ReceivedTrajectory:
     reader = CdrReader(data)
     stamp_ns = reader.ns()
     reader.text()  # frame_id
-    count = reader.count()
-    reader.skip(count, 4)  # a name has at least four bytes: refuse counts that cannot be true
-    reader.place -= 4 * count
-    names = tuple(reader.text() for _ in range(count))
+    names = _names(reader)
     points = reader.count()
     if points > (len(data) - reader.place) // 24:  # four counts and a time
         raise CommandError(f"not a message of this type: {points} points in {len(data)} bytes")
