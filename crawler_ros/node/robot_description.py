@@ -35,7 +35,7 @@ _HARDWARE = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 
 
 def describe_robot(
-    scene: Scene, world: str = "world", topics: tuple[str, str] = ("joint_commands", "joint_states")
+    scene: Scene, world: str = "world", topics: tuple[str, str] = ("/joint_commands", "/joint_states")
 ) -> str:
     """Build the URDF of a scene's body, with a `ros2_control` tag for hardware that is based on topics.
 
@@ -91,13 +91,14 @@ def _write(robot: ET.Element, scene: Scene, topics: tuple[str, str]) -> str:
     }
     for name, value in parameters.items():
         ET.SubElement(hardware, "param", name=name).text = value
-    columns = scene.columns
-    commanded = {name for name, places in columns.aliases.items() if places[0] < columns.lengths}
+    columns, row = scene.columns, scene.drive.rows[0]
+    commanded = {name: row[places[0]] for name, places in columns.aliases.items() if places[0] < columns.lengths}
     # only joints with commands: positions and names of its messages would not match otherwise
     for name in [joint.get("name", "") for joint in robot.iterfind("joint")]:
         if name in commanded:
             joint = ET.SubElement(control, "joint", name=name)
-            ET.SubElement(joint, "command_interface", name="position")
+            command = ET.SubElement(joint, "command_interface", name="position")
+            ET.SubElement(command, "param", name="initial_value").text = repr(float(commanded[name]))
             for interface in ("position", "velocity", "effort"):
                 ET.SubElement(joint, "state_interface", name=interface)
     ET.indent(robot)

@@ -60,6 +60,18 @@ def test_several_in_a_tick_take_equal_shares_and_pair_by_count():
     assert [v.due_ns for v in vertices] == [7 * TICK + TICK * k // 3 for k in (1, 2, 3)]
 
 
+def test_joint_commands_hold_what_they_leave_out_and_mix_with_arrays():
+    commands = queue()
+    commands.accept_actuation([0.1, 0.2])
+    commands.accept_joints(["link_1"], np.array([0.3]))
+    commands.accept_joints(["link_1", "link_0"], np.array([np.nan, 0.4]))
+    assert [(v.due_ns, v.row[:2].tolist()) for v in take(commands)] == [
+        (TICK // 3, [0.1, 0.2]),
+        (TICK * 2 // 3, [0.1, 0.3]),
+        (TICK, [0.4, 0.3]),
+    ]
+
+
 def test_pairing_makes_strategy_a_come_out_right():
     """Four ticks a period: paired 2 m a period; only actuation first 2.5 m, only friction first 0.5 m."""
     gains = {}
@@ -278,6 +290,11 @@ REFUSED = [
     ("accept_actuation", ([1.0],), "1 value(s); it needs 2, one per link"),
     ("accept_actuation", ([],), "0 value(s); it needs 2"),
     ("accept_actuation", ([1.0, float("nan")],), "entry 1 is nan"),
+    ("accept_joints", (["contact_0"], np.zeros(1)), "joint command: no joint is called 'contact_0'; there are"),
+    ("accept_joints", (["contact_0/forward"], np.zeros(1)), "'contact_0/forward' is a friction; this topic takes only"),
+    ("accept_joints", (["link_1", "link_1"], np.zeros(2)), "a joint is named twice, at last by 'link_1'"),
+    ("accept_joints", (["link_1", "link_0"], np.zeros(1)), "1 position(s) for 2 name(s); it needs one each"),
+    ("accept_joints", (["link_1"], np.array([np.inf])), "link_1 is inf; at most"),
     ("accept_friction", ([1.0, 1.0],), "2 value(s); it needs 1, 3 (one per contact) or 6"),
     ("accept_friction", ([1.0, -1.0, 1.0],), "entry 1 is -1 N; friction must be >= 0"),
     ("accept_friction", ([float("inf")],), "entry 0 is inf"),

@@ -18,7 +18,7 @@ _ATTRIBUTES = {
     "include": {"file"},
     "group": set(),
     "node": {"pkg", "exec", "namespace", "output", "args", "on_exit"},
-    "param": {"name", "value", "type"},
+    "param": {"name", "value", "type", "from"},
 }
 
 
@@ -79,8 +79,9 @@ def _run(element: ET.Element, values: dict[str, str], file: Path) -> list[Starte
             other = Path(substitute(child.get("file"), values, file))
             started += _run(read(other), values, other)
         elif child.tag == "node":
-            parameters = {p.get("name"): substitute(p.get("value"), values, file) for p in child.iter("param")}
-            types = {p.get("name"): p.get("type") for p in child.iter("param")}
+            given = [p for p in child.iter("param") if p.get("from") is None]
+            parameters = {p.get("name"): substitute(p.get("value"), values, file) for p in given}
+            types = {p.get("name"): p.get("type") for p in given}
             namespace = substitute(child.get("namespace", ""), values, file)
             executable = substitute(child.get("exec"), values, file)
             arguments = shlex.split(substitute(child.get("args", ""), values, file))

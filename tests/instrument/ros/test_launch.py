@@ -39,7 +39,10 @@ MODULES = {
     "phase_control": "crawler_ros.examples.phase_control",
     "path_control": "crawler_ros.examples.path_control",
 }
-FOREIGN = {"rviz.launch.xml": {"robot_state_publisher", "rviz2"}}
+FOREIGN = {
+    "rviz.launch.xml": {"robot_state_publisher", "rviz2"},
+    "ros2_control.launch.xml": {"controller_manager"},
+}
 EXAMPLES = [
     {},
     {"controller": "phase_control", "scene": "two_anchor_a"},
@@ -73,6 +76,7 @@ def every_start() -> list[tuple[str, Started]]:
 def test_the_launch_files_are_these():
     assert NAMES == [
         "controller.launch.xml",
+        "ros2_control.launch.xml",
         "rviz.launch.xml",
         "simulator.launch.xml",
         "three_crawlers.launch.xml",
