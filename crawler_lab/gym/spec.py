@@ -180,10 +180,6 @@ def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
 
 def _check_ground_and_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
     free, track = bool((actions.free >= scene.columns.lengths).any()), scene.ground.track
-    if free and track is not None and track.changes_friction_gradually:
-        raise CrawlerError(
-            f"friction: {scene.name} has a ground.profile of friction, on which it cannot be commanded; leave it out"
-        )
     if "slope" in ranges.ranges and track is not None and track.profile is not None and track.profile[3].any():
         raise CrawlerError(
             f"options: slope: {scene.name} has a ground.profile of slopes, beside which there is no other; leave it out"

@@ -126,11 +126,6 @@ class Track:
         return added
 
     @property
-    def changes_friction_gradually(self) -> bool:
-        """Whether a factor on friction changes along a stretch, so that friction cannot be commanded."""
-        return self.profile is not None and bool(self.profile[1:3].any())
-
-    @property
     def tilt(self) -> np.ndarray:
         """Load that each stretch adds to the load of the track's slope, shape (M + 1, N) [N]."""
         return np.asarray(-self.weight * self.rise[:, None])

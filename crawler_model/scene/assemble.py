@@ -126,11 +126,6 @@ def _check_profile(parts: SceneParts) -> None:
             "ground.profile.slope: a coefficient of friction acts on the cosine of the slope, which is not linear "
             "between places; give `friction` as forces"
         )
-    if parts.ground.profile.friction is not None and parts.drive is not None and parts.drive.commands_friction:
-        raise SceneError(
-            "drive.friction: on a ground.profile of friction it cannot be commanded, as the bounds of a sliding "
-            "contact would be no straight lines; leave it out"
-        )
 
 
 def _check_couplings(parts: SceneParts) -> None:

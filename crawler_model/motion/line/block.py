@@ -102,7 +102,7 @@ def _enter(contacts, springs, model, ramp, row, i):
         e.lower = (-c.d_backward if moves else 0.0) if c.at & BACKWARD else -np.inf
         changing = moves and (c.d_forward != 0.0 or c.d_backward != 0.0)
         e.blur = abs(c.forward) + abs(c.backward) if changing else 0.0
-        enter_ground(c, e, model.ground, ramp, i)
+        enter_ground(c, e, model.ground, ramp, i, 0.0)
     if e.lower > e.upper:  # both bounds are met by rounding just before the interval between them vanishes
         e.upper = e.lower = 0.5 * (e.lower + e.upper)
     e.v = c.v

@@ -16,9 +16,11 @@ from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
 from .ground.bounds import follow_ground
+from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets_chord
 from .ground.couplings import couplings_of, follow_couplings, is_coupled
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .ground.tipping import tip
+from .ground.turns import turns
 from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
@@ -155,6 +157,8 @@ def _solve_around(contacts, springs, model, ramp, i):
         if not ramp.stepping and find_due(contacts, model.block, model.ground, ramp, count):
             return False
         if find_sides(contacts, springs, model, ramp, count):
+            if turns(contacts, springs, model, model.ground, ramp, count):
+                return False
             if not passes_guard(contacts, model.block, ramp, count):
                 break
         elif not ramp.search.woken:
@@ -247,7 +251,7 @@ def _meet(contacts, springs, model, ramp):
         i = find_earliest(contacts)
         if passes_singly(model.curves, ramp):
             break
-    if ramp.shifted:
+    if ramp.shifted or is_curved(model.ground, ramp):
         count = _list_blocks(contacts, model, ramp, count)
     return count
 
@@ -280,13 +284,10 @@ def _schedule_resting(contacts, springs, model, ramp):
 def _choose(contacts, springs, model, ground, curves, ramp, count):
     """Choose the translation at s if it is free; borders and knots are then met at other instants."""
     choose(contacts, springs, model, curves, ramp, count)
-    if not ramp.shifted and not ramp.strays:
-        return
     if ramp.shifted and (ground is not None or curves is not None):
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
             schedule_next(contacts, springs, model, ramp, i)
-    note_interval(contacts, springs, curves, ramp, min(contacts[find_earliest(contacts)].next, ramp.end))
 
 
 @lean
@@ -392,6 +393,7 @@ def follow_events(contacts, springs, model, ramp):
     ground = model.ground
     ramp.account.events += 1.0
     count = _list_blocks(contacts, model, ramp, 0)
+    begin_chord(ground, ramp)
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
     while True:
@@ -399,6 +401,9 @@ def follow_events(contacts, springs, model, ramp):
             _check_flags(ramp, contacts.shape[0])
         # rates
         if ramp.fall.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
+            if halve_chord(ground, ramp):
+                count = _list_blocks(contacts, model, ramp, count)
+                continue
             over = _is_over(contacts, springs, ramp)
             _give_up(contacts, springs, model, ramp, count)
             return DONE if over else UNSOLVED
@@ -411,6 +416,12 @@ def follow_events(contacts, springs, model, ramp):
         ramp.begun, count = 1, 0
         # the next event
         s = contacts[find_earliest(contacts)].next
+        if meets_chord(ground, ramp, s):
+            count = _list_blocks(contacts, model, ramp, count)
+            continue
+        s = end_chord(ground, ramp, s)
+        if ramp.shifted or ramp.strays:
+            note_interval(contacts, springs, model.curves, ramp, min(s, ramp.end))
         note_piece(model.pieces, contacts, ramp, min(s, 1.0))
         if ramp.shifted:
             note_all(model.pieces, contacts, ramp)
@@ -422,6 +433,9 @@ def follow_events(contacts, springs, model, ramp):
                 return DONE
             # the jump is over, and the ramp goes on
             count = end_fall(contacts, springs, model, ground, ramp, count)
+            if is_curved(ground, ramp):
+                begin_chord(ground, ramp)
+                count = _list_blocks(contacts, model, ramp, count)
             continue
         if ramp.effort > ramp.budget:
             _give_up(contacts, springs, model, ramp, count)
@@ -430,4 +444,5 @@ def follow_events(contacts, springs, model, ramp):
             ramp.account.events += 1.0
             ramp.passed = 0
         _advance_ramp(contacts, springs, model, ground, model.curves, ramp, s)
+        begin_chord(ground, ramp)
         count = _meet(contacts, springs, model, ramp)

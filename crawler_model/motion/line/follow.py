@@ -13,6 +13,7 @@ from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
 from .ground.borders import ROUNDING
+from .ground.chords import begin_chords
 from .ground.couplings import couplings_of, rest_couplings
 from .ground.gradual import is_gradual
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
@@ -59,6 +60,7 @@ def _begin(contacts, springs, model, ramp, target):
     ) = 0
     ramp.search.undetermined = ramp.search.loose = ramp.passed = 0
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
+    begin_chords(model.ground, ramp)
     span = ramp.span
     for j in range(springs.shape[0]):
         spring = springs[j]

@@ -18,7 +18,6 @@ from ..margin import visited_margin
 from ..pieces import CHANGE, NO_PIECES, locate_parts
 from ..state import WORK, dissipated
 from . import build
-from .commands import check_friction
 from .follow import follow
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
 from .springs.records import SLIDER_STATE
@@ -301,8 +300,6 @@ class LineMotion:
         runs = parts[6] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
         memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, runs, parts[7])
         track, room = self.track, 0
-        if track is not None and track.changes_friction_gradually:
-            check_friction(self.body, state.friction, targets[:, self.body.springs :])
         kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
         while True:
             if track is not None:

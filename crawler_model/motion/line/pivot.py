@@ -14,7 +14,7 @@ from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
 from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
 from .ground.gradual import holds
-from .ground.unstable import is_stable, search_sides
+from .ground.unstable import is_stable, search_sides, turns_unstable
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .project import project
@@ -183,6 +183,8 @@ def find_sides(contacts, springs, model, ramp, count):
     keep_limits(couplings_of(model.ground), block, count)
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
+        if turns_unstable(contacts, springs, model, model.ground, ramp, count):
+            return False
         found = search_sides(contacts, springs, model, model.ground, ramp, count)
         if found >= 0:
             return found > 0

@@ -200,6 +200,7 @@ BLOCK = np.dtype(
         ("tried", _BYTE),  # side in the solution that a search of all sides found first
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
         ("rough", _FLOAT),  # velocity before its correction [m]
+        ("before", _FLOAT),  # velocity along the chord, see `ground.turns` [m]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
         # memory
         ("member", _INT),  # contacts, part by part, see `parts`
@@ -344,6 +345,10 @@ RAMP = np.dtype(
         ("number", _INT),  # of the ramp in the present call
         ("done", _FLOAT),  # part of the ramp that was followed before; s is a place on the rest of it
         ("span", _FLOAT),  # a length that rounds like all positions [m]
+        ("chord", _FLOAT),  # place on the ramp to which the present chord leads, see `ground.chords`
+        ("chords", _FLOAT),  # least number of chords of the ramp; 0 where no bound is curved
+        ("stride", _FLOAT),  # longest chord that is tried next
+        ("cut", _BYTE),  # whether the chord has been shortened, so that all rates are to be found anew
         ("search", SEARCH),
         ("fall", FALL),
         ("account", ACCOUNT),

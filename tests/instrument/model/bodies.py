@@ -28,7 +28,7 @@ LOOSE = tuple(f"loose {kind}" for kind in (CHAIN, HYBRID))
 """With backlash."""
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
 ON_GRADUAL_GROUND = tuple(f"{kind} on gradual ground" for kind in (CHAIN, GRAPH))
-"""With friction and, unless some contacts have none, slopes that change along the track; friction is not commanded."""
+"""With friction and, unless some contacts have none, slopes that change along the track."""
 SWELLING = tuple(f"swelling {kind}" for kind in ON_A_LINE)
 """With friction that changes with elongations, by slopes below the stiffness, so that there is one solution."""
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
@@ -152,7 +152,7 @@ class Drawn:
         ground = self.kind.removesuffix(" between walls")
         bare = ground.removesuffix(" on patches").removesuffix(" on gradual ground").removeprefix("bent ")
         bare = bare.removeprefix("hysteretic ").removeprefix("loose ").removeprefix("swelling ")
-        plain = dataclasses.replace(self, kind=bare, commanded=self.commanded and ground not in ON_GRADUAL_GROUND)
+        plain = dataclasses.replace(self, kind=bare, commanded=self.commanded)
         driven = _on_a_line(plain, rng, length, force, mirrored)
         if self.kind.startswith("bent "):
             driven = _with_bent_springs(self, driven, length, force, mirrored)

@@ -406,10 +406,6 @@ WRONG = [
         "options: friction cannot be randomised where it is free",
     ),
     (
-        {"scene": "leaving_ice", "friction": [0.1, 3.0]},
-        "friction: leaving_ice has a ground.profile of friction, on which it cannot be commanded; leave it out",
-    ),
-    (
         {"scene": hilly(), "randomise": {"slope": [0.0, 2.0]}},
         "options: slope: chain has a ground.profile of slopes, beside which there is no other; leave it out",
     ),

@@ -238,7 +238,7 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     """Choose the translation of the present part if it is free at s."""
     if curves is None:  # else parts count if they last, see `events`
         sample_margin(contacts, springs, model, curves, ramp)
-    if holds_body(contacts, model.ground):
+    if holds_body(contacts, model.ground, ramp):
         return
     critical = is_critical(contacts, springs, model, curves, ramp)
     if critical or _is_free(contacts, model.block, curves, ramp):

@@ -8,7 +8,7 @@ from ....compiled import inlined, lean
 from ..advance import place_of
 from ..records import BACKWARD, FORWARD
 from .couplings import more_on
-from .gradual import change_at, slopes_of
+from .gradual import change_at, commands_at, slopes_of
 
 
 @lean
@@ -115,7 +115,7 @@ def _follow_ground(c, foot, ground, profile, ramp):
         behind = ahead
     elif c.v < 0.0:
         ahead = behind
-    up, down = slopes_of(foot, profile, ahead, behind)
+    up, down = slopes_of(foot, profile, ahead, behind, commands_at(ramp))
     moves = 0.0 if ramp.fall.falling else 1.0
     forward = hold(foot, ground, ahead, FORWARD, commanded, p)
     d_forward = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
@@ -143,23 +143,24 @@ def _follow_ground(c, foot, ground, profile, ramp):
 
 
 @lean
-def enter_ground(c, e, ground, ramp, i):
+def enter_ground(c, e, ground, ramp, i, away):
     """Enter the stiffness of gradual ground in a row of a block, and limits that do not contain it.
 
     Args:
         c: CONTACT i.
         e: its BLOCK.
+        away: distance of the place where that is from where the contact is [m].
     """
     if ground is not None:
-        _enter_ground(c, e, ground.feet[i], ground, ground.profile, ramp)
+        _enter_ground(c, e, ground.feet[i], ground, ground.profile, ramp, away)
 
 
 @lean
-def _enter_ground(c, e, foot, ground, profile, ramp):
+def _enter_ground(c, e, foot, ground, profile, ramp, away):
     if profile is None:
         return
-    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot)
-    e.ahead, e.behind = slopes_of(foot, profile, ahead, behind)
+    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot) + away
+    e.ahead, e.behind = slopes_of(foot, profile, ahead, behind, commands_at(ramp))
     moves = 0.0 if ramp.fall.falling else 1.0
     if c.fallen & FORWARD:
         e.ahead = 0.0

@@ -53,20 +53,35 @@ def is_gradual(ground):
 
 
 @lean
-def slopes_of(foot, profile, ahead, behind):
+def slopes_of(foot, profile, ahead, behind, s):
     """Compute how the force that keeps a contact at a bound grows with its displacement.
 
     Args:
         profile: as for `change_at`.
         ahead: stretch that the contact slides forward on.
         behind: stretch that it slides backward on.
+        s: place on the ramp whose commands count.
 
     Returns:
         The growth at the forward and at the backward bound [N/m].
     """
-    up = foot.weight * profile[3, ahead] + profile[1, ahead] * (foot.forward + foot.load)
-    down = foot.weight * profile[3, behind] - profile[2, behind] * (foot.backward - foot.load)
+    forward, backward, load = foot.forward + s * foot.d_forward, foot.backward + s * foot.d_backward, foot.load
+    load += s * foot.d_load
+    up = foot.weight * profile[3, ahead] + profile[1, ahead] * (forward + load)
+    down = foot.weight * profile[3, behind] - profile[2, behind] * (backward - load)
     return up, down
+
+
+@inlined
+def commands_at(ramp):
+    """Find the place on the ramp whose commands the stiffness of the ground follows from: where the chord leads.
+
+    Returns:
+        The place; 0 where friction is not commanded, or in a fall where commands rest.
+    """
+    if ramp.chords == 0.0:
+        return 0.0
+    return ramp.fall.rests if ramp.fall.falling else ramp.chord
 
 
 @inlined
@@ -129,7 +144,7 @@ def holds(block, ground, count):
 
 
 @lean
-def holds_body(contacts, ground):
+def holds_body(contacts, ground, ramp):
     """Determine whether a contact that is at a bound stands on a gradient, which then determines the translation.
 
     Returns:
@@ -137,16 +152,16 @@ def holds_body(contacts, ground):
     """
     if ground is None:
         return False
-    return _holds_body(contacts, ground, ground.profile)
+    return _holds_body(contacts, ground, ground.profile, ramp)
 
 
 @lean
-def _holds_body(contacts, ground, profile):
+def _holds_body(contacts, ground, profile, ramp):
     if profile is None:
         return False
     for i in range(contacts.shape[0]):
         c, foot = contacts[i], ground.feet[i]
-        ahead, behind = slopes_of(foot, profile, (foot.place + 1) // 2, foot.place // 2)
+        ahead, behind = slopes_of(foot, profile, (foot.place + 1) // 2, foot.place // 2, commands_at(ramp))
         if (c.at & FORWARD and ahead != 0.0) or (c.at & BACKWARD and behind != 0.0):
             return True
     return False

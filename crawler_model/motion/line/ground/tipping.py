@@ -7,6 +7,8 @@ import numpy as np
 from ....compiled import lean
 from ..pivot import find_sides
 from ..records import BACKWARD, FORWARD
+from .bounds import set_bounds
+from .chords import is_long
 from .falls import let_tip
 from .gradual import NEUTRAL
 
@@ -33,7 +35,7 @@ def tip(contacts, springs, model, ground, ramp, count):
 def _tip(contacts, springs, model, ground, profile, ramp, count):
     if profile is None:
         return
-    if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget:
+    if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget or is_long(ground, ramp):
         return
     block, first, way, found = model.block, -1, 0, 0
     ambiguous, least = ramp.account.ambiguous, np.inf
@@ -57,6 +59,10 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
             e.ahead, e.behind = ahead, behind
     ramp.account.ambiguous = ambiguous if found < 2 else 1.0
     ramp.fall.falling = falling
+    if ramp.chords > 0.0:  # along a chord that was given up, velocities may be large, and with them rounding
+        for i in range(contacts.shape[0]):
+            if contacts[i].fallen == 0:
+                set_bounds(contacts[i], ground.feet[i], ground, ramp)
     if found > 0:
         let_tip(contacts[first], ground, ramp, first, way)
 

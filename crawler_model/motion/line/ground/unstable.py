@@ -13,8 +13,10 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..mesh import eliminate, solve_mesh
+from .chords import is_long
 from .couplings import choose_pieces, exchange_pieces, is_coupled, is_dominant
 from .gradual import stiffness_of
+from .turns import enter_chord
 
 _ROUNDING = 32.0 * EPS
 _MOST_TRIALS = 2048
@@ -60,6 +62,32 @@ def _is_stable(contacts, springs, model, profile, ramp, count):
     for j in range(count):
         block[j].side = block[j].tried
     ramp.effort += count
+    return stable
+
+
+@lean
+def turns_unstable(contacts, springs, model, ground, ramp, count):
+    """Determine whether a block that is not stable at the end of a chord is stable where the chord begins.
+
+    Returns:
+        Whether it is.
+    """
+    if ground is None:
+        return False
+    return _turns_unstable(contacts, springs, model, ground, ground.profile, ramp, count)
+
+
+@lean
+def _turns_unstable(contacts, springs, model, ground, profile, ramp, count):
+    if profile is None:
+        return False
+    if not is_long(ground, ramp):
+        return False
+    chord, ramp.chord = ramp.chord, ramp.s
+    enter_chord(contacts, model.block, ground, ramp, count, 0.0)
+    stable = is_stable(contacts, springs, model, ground, ramp, count)
+    ramp.chord = chord
+    enter_chord(contacts, model.block, ground, ramp, count, 0.0)
     return stable
 
 
