@@ -9,7 +9,7 @@ import numpy as np
 from crawler_model import Scene
 
 from .actions import Actions
-from .kernel.plan import REACH
+from .kernel.layout import REACH
 from .randomise import Ranges
 from .task import Task
 

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from crawler_model import CommandError, CrawlerError, Scene
 
 from .kernel.lane import find_bad
-from .kernel.plan import ALONG
+from .kernel.layout import ALONG
 from .lanes import Lanes
 from .randomise import read_ranges
 from .spec import Spec, build_spec

@@ -18,7 +18,7 @@ from crawler_model.run.ticks import tick_end_ns
 from crawler_ros.wire.states import find_command, shown_contacts
 
 from ..sweep.workers import available_cores
-from .kernel import lane, plan
+from .kernel import lane, layout
 from .memory import build_shared, fill_at_rest, has_kernel, view
 from .randomise import assemble, vary_scene
 from .spec import Spec
@@ -54,11 +54,11 @@ class Lanes:
         self._memory = np.zeros((count, shared.lane_at[-1]))
         self._clocks = np.zeros((count, 4), np.int64)
         self.actions = np.zeros((count, actions))
-        self.skipped = self._clocks[:, plan.SKIPPED]
-        self.observations = view(self._memory, shared, plan.OBSERVATION)
-        self.results = view(self._memory, shared, plan.RESULT)
+        self.skipped = self._clocks[:, layout.SKIPPED]
+        self.observations = view(self._memory, shared, layout.OBSERVATION)
+        self.results = view(self._memory, shared, layout.RESULT)
         rows = (spec.steps or 10_000) + 1 if logs else 0
-        logged = (plan.ROW, plan.JOINTS, plan.FEET, plan.DISPLACEMENT)
+        logged = (layout.ROW, layout.JOINTS, layout.FEET, layout.DISPLACEMENT)
         width = sum(int(shared.lane_at[k + 1] - shared.lane_at[k]) for k in logged)
         self.log = np.zeros((count, rows, width))
         self._has_kernel = has_kernel(scene)
@@ -150,11 +150,11 @@ class Lanes:
             self._memory[which] = 0.0
             for m, scene in zip(which.tolist(), varied, strict=True):
                 self._crawlers[m] = Crawler(scene)
-                view(self._memory, self.shared, plan.ROW)[m] = self._crawlers[m].row
-        self._clocks[which, plan.STEP] = 0
-        self._clocks[which, plan.DELAY] = [one.get("delay", 0) for one in drawn]
-        self._clocks[which, plan.RANDOM] = [one.get("noise_seed", 0) for one in drawn]
-        view(self._memory, self.shared, plan.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
+                view(self._memory, self.shared, layout.ROW)[m] = self._crawlers[m].row
+        self._clocks[which, layout.STEP] = 0
+        self._clocks[which, layout.DELAY] = [one.get("delay", 0) for one in drawn]
+        self._clocks[which, layout.RANDOM] = [one.get("noise_seed", 0) for one in drawn]
+        view(self._memory, self.shared, layout.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
         self.skipped[which] = 0
         self._begin(which)
 
@@ -184,7 +184,7 @@ class Lanes:
     def _follow(self, m: int) -> None:
         """Follow the action of one environment in the plane, or on patches of ground."""
         memory, shared, crawler = self._memory[m], self.shared, self._crawlers[m]
-        row = view(self._memory, shared, plan.ROW)[m]
+        row = view(self._memory, shared, layout.ROW)[m]
         held = row.copy()
         lane.command_one(memory, self._clocks[m], self.actions[m], shared.floats, shared.ints)
         columns = crawler.scene.columns
@@ -195,22 +195,22 @@ class Lanes:
         except CommandError:  # friction cannot hold the loads: the command in force stays
             row[:] = held
             step = crawler.follow(np.empty((0, columns.index.size)))
-        view(self._memory, shared, plan.ACCOUNT)[m] = step.account
+        view(self._memory, shared, layout.ACCOUNT)[m] = step.account
 
     def _complete(self, which: np.ndarray, first: bool) -> None:
         """Add the readings that kernels do not read, and observe."""
         shared, scene = self.shared, self.spec.scene
-        joints = view(self._memory, shared, plan.JOINTS).reshape(self.count, 3, -1)
-        feet = view(self._memory, shared, plan.FEET).reshape(self.count, 3, -1)
+        joints = view(self._memory, shared, layout.JOINTS).reshape(self.count, 3, -1)
+        feet = view(self._memory, shared, layout.FEET).reshape(self.count, 3, -1)
         if self._has_kernel:
             body, springs = scene.body, self._bodies[1]
             for m in which.tolist():
                 joints[m, 0, 1:] = body.joint_sum(springs["elongation"][m])
                 joints[m, 2, 1:] = body.joint_mean(springs["tension"][m])
         else:
-            displacement = view(self._memory, shared, plan.DISPLACEMENT)
+            displacement = view(self._memory, shared, layout.DISPLACEMENT)
             for m in which.tolist():
-                tick, rate = int(self._clocks[m, plan.STEP]), self.spec.rate
+                tick, rate = int(self._clocks[m, layout.STEP]), self.spec.rate
                 seconds = np.inf if first else (tick_end_ns(tick + 1, rate) - tick_end_ns(tick, rate)) / 1_000_000_000
                 self._readout.read(self._crawlers[m], seconds, joints[m], feet[m])
                 displacement[m] = self._crawlers[m].displacement.ravel()
@@ -238,25 +238,25 @@ class Lanes:
         """
         shared, which = self.shared, np.zeros(1, np.int64)
         if first:
-            view(self._memory, shared, plan.ROW)[0] = find_command(self.spec.scene, joints, self.row(0))
-        view(self._memory, shared, plan.JOINTS)[0] = joints.ravel()
-        view(self._memory, shared, plan.FEET)[0] = contacts.ravel()
+            view(self._memory, shared, layout.ROW)[0] = find_command(self.spec.scene, joints, self.row(0))
+        view(self._memory, shared, layout.JOINTS)[0] = joints.ravel()
+        view(self._memory, shared, layout.FEET)[0] = contacts.ravel()
         lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- readings ---------------------------------------------------------------------------------------------------
 
     def steps_done(self, m: int) -> int:
         """Count the steps of the present episode of environment m."""
-        return int(self._clocks[m, plan.STEP])
+        return int(self._clocks[m, layout.STEP])
 
     def displacement(self, m: int) -> np.ndarray:
         """Read the displacement of environment m, shape (N,), in the plane (N, 2) [m]."""
-        part = view(self._memory, self.shared, plan.DISPLACEMENT)[m]
+        part = view(self._memory, self.shared, layout.DISPLACEMENT)[m]
         return part.reshape(self.spec.scene.body.position.shape).copy()
 
     def row(self, m: int) -> np.ndarray:
         """Read the command row in force in environment m, shape (C,)."""
-        return view(self._memory, self.shared, plan.ROW)[m].copy()
+        return view(self._memory, self.shared, layout.ROW)[m].copy()
 
     def scene(self, drawn: dict[str, Any]) -> Scene:
         """Build the scene of an episode.

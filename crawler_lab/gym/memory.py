@@ -12,13 +12,13 @@ from crawler_model.crawler.readout import Readout
 from crawler_model.motion.state import ACCOUNT_SIZE
 from crawler_ros.wire.states import StationReader, shown_contacts
 
-from .kernel import plan
+from .kernel import layout
 from .spec import Spec
 
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all lanes of a scene share, see `kernel.lane.open_plan`.
+    """What all lanes of a scene share, see `kernel.layout.open_layout`.
 
     Attributes:
         floats: numbers.
@@ -53,22 +53,22 @@ def build_shared(spec: Spec) -> Shared:
     loaded = columns.slope_load is not None and axes == 1
     n, a = body.contacts, len(actions.names)
     sizes = {
-        plan.DISPLACEMENT: axes * n,
-        plan.SLOPE: n if loaded and has_kernel(scene) else 0,
-        plan.ROW: columns.count,
-        plan.TARGET: columns.index.size,
-        plan.ACCOUNT: ACCOUNT_SIZE,
-        plan.JOINTS: 3 * joints,
-        plan.FEET: 3 * feet,
-        plan.MEMORY: axes + 3,
-        plan.QUEUE: (spec.ranges.most_delay + 1) * a,
-        plan.SIGMA: 1,
-        plan.RESULT: 6,
-        plan.OBSERVATION: spans.bound.size,
+        layout.DISPLACEMENT: axes * n,
+        layout.SLOPE: n if loaded and has_kernel(scene) else 0,
+        layout.ROW: columns.count,
+        layout.TARGET: columns.index.size,
+        layout.ACCOUNT: ACCOUNT_SIZE,
+        layout.JOINTS: 3 * joints,
+        layout.FEET: 3 * feet,
+        layout.MEMORY: axes + 3,
+        layout.QUEUE: (spec.ranges.most_delay + 1) * a,
+        layout.SIGMA: 1,
+        layout.RESULT: 6,
+        layout.OBSERVATION: spans.bound.size,
     }
     numbers, floats_at = _join(floats, np.float64)
     whole, ints_at = _join(ints, np.int64)
-    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(plan.PARTS)]))).astype(np.int64)
+    lane_at = np.concatenate(([0], np.cumsum([sizes[k] for k in range(layout.PARTS)]))).astype(np.int64)
     head = np.concatenate((settings, lane_at, floats_at, ints_at + len(settings) + lane_at.size + 11))
     return Shared(numbers, np.concatenate((head, whole)).astype(np.int64), lane_at)
 
@@ -133,7 +133,7 @@ def fill_at_rest(lanes: np.ndarray, shared: Shared, assembly: Any) -> None:
         shared: what the lanes share.
         assembly: the assembly of M variations with a leading axis, or of one scene for all of them.
     """
-    view(lanes, shared, plan.ROW)[:] = assembly.drive.rows[..., 0, :]
-    view(lanes, shared, plan.TARGET)[:] = assembly.drive.targets[..., 0, :]
+    view(lanes, shared, layout.ROW)[:] = assembly.drive.rows[..., 0, :]
+    view(lanes, shared, layout.TARGET)[:] = assembly.drive.targets[..., 0, :]
     if assembly.columns.slope_load is not None:
-        view(lanes, shared, plan.SLOPE)[:] = assembly.columns.slope_load
+        view(lanes, shared, layout.SLOPE)[:] = assembly.columns.slope_load

@@ -11,7 +11,7 @@ from crawler_model import CrawlerError, Scene
 from crawler_pictures.body import draw_body
 from crawler_pictures.style import own_style
 
-from .kernel.plan import ALONG
+from .kernel.layout import ALONG
 from .lanes import Lanes
 from .spec import Spec
 

@@ -30,7 +30,7 @@ from crawler_ros.wire.states import contact_names, joint_state_names
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from .env import describe_bad, read_action
-from .kernel.plan import ALONG, TERMINATED
+from .kernel.layout import ALONG, TERMINATED
 from .lanes import Lanes
 from .policy import load_policy
 from .randomise import Ranges

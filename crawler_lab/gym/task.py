@@ -13,7 +13,7 @@ import numpy as np
 from crawler_model import CrawlerError, Scene
 from crawler_model.run.transport import length_of
 
-from .kernel.plan import REACH, SPEED, TRAVEL
+from .kernel.layout import REACH, SPEED, TRAVEL
 from .randomise import Ranges, vary_scene
 
 TASKS = {"translation": TRAVEL, "speed": SPEED, "reach": REACH, "climb": TRAVEL}

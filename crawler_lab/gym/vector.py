@@ -15,7 +15,7 @@ from crawler_model import CommandError, CrawlerError, Scene
 
 from .env import build_spaces, describe_bad, read_action
 from .kernel.lane import find_bad
-from .kernel.plan import ALONG, GAINED, REWARD, SPENT, TERMINATED, TRUNCATED
+from .kernel.layout import ALONG, GAINED, REWARD, SPENT, TERMINATED, TRUNCATED
 from .lanes import Lanes
 from .randomise import Ranges, read_ranges
 from .spec import build_spec

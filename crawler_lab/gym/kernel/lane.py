@@ -9,7 +9,7 @@ import numpy as np
 from crawler_model.compiled import compiled, inner
 from crawler_model.motion.state import WORK
 
-from .plan import (
+from .layout import (
     ACCOUNT,
     ALONG,
     AXES,
@@ -52,7 +52,7 @@ from .plan import (
     TOLERANCE,
     TRAVEL,
     TRUNCATED,
-    open_plan,
+    open_layout,
     part,
 )
 
@@ -89,17 +89,17 @@ def end_of_step(settings, step):
 
 
 @inner
-def command(lane, clock, action, plan):
+def command(lane, clock, action, layout):
     """Turn an action into the next command; one that friction cannot hold leaves that in force.
 
     Args:
         lane: the lane, changed in place.
         clock: its whole numbers.
         action: rates, from -1 to 1, clipped; shape (A,).
-        plan: what all lanes share.
+        layout: what all lanes share.
     """
-    actions, queue, row = action.shape[0], plan.at[QUEUE], plan.at[ROW]
-    slots = (plan.at[QUEUE + 1] - queue) // actions
+    actions, queue, row = action.shape[0], layout.at[QUEUE], layout.at[ROW]
+    slots = (layout.at[QUEUE + 1] - queue) // actions
     first = queue + (clock[STEP] % slots) * actions
     for a in range(actions):
         lane[first + a] = min(max(action[a], -1.0), 1.0)
@@ -107,36 +107,36 @@ def command(lane, clock, action, plan):
     if given < 0:
         return
     first = queue + (given % slots) * actions
-    loaded = plan.at[SLOPE + 1] > plan.at[SLOPE]
-    held = part(lane, plan, ROW).copy() if loaded else action
-    for c in range(plan.of.shape[0]):
-        if plan.of[c] >= 0:
-            value = lane[row + c] + plan.limits[SIZE, c] * lane[first + plan.of[c]]
-            lane[row + c] = min(max(value, plan.limits[LOW, c]), plan.limits[HIGH, c])
-    if not aim(lane, plan):
-        for c in range(plan.of.shape[0]):
+    loaded = layout.at[SLOPE + 1] > layout.at[SLOPE]
+    held = part(lane, layout, ROW).copy() if loaded else action
+    for c in range(layout.of.shape[0]):
+        if layout.of[c] >= 0:
+            value = lane[row + c] + layout.limits[SIZE, c] * lane[first + layout.of[c]]
+            lane[row + c] = min(max(value, layout.limits[LOW, c]), layout.limits[HIGH, c])
+    if not aim(lane, layout):
+        for c in range(layout.of.shape[0]):
             lane[row + c] = held[c]
-        aim(lane, plan)
+        aim(lane, layout)
 
 
 @inner
-def aim(lane, plan):
+def aim(lane, layout):
     """Write the target of the command in force, as `Columns.target` does.
 
     Args:
         lane: the lane, changed in place.
-        plan: what all lanes share.
+        layout: what all lanes share.
 
     Returns:
         Whether friction can hold the loads.
     """
-    row, target, slope = plan.at[ROW], plan.at[TARGET], plan.at[SLOPE]
-    for f in range(plan.column.shape[0]):
-        lane[target + f] = lane[row + plan.column[f]] * plan.factor[f]
-    n = plan.at[SLOPE + 1] - slope
+    row, target, slope = layout.at[ROW], layout.at[TARGET], layout.at[SLOPE]
+    for f in range(layout.column.shape[0]):
+        lane[target + f] = lane[row + layout.column[f]] * layout.factor[f]
+    n = layout.at[SLOPE + 1] - slope
     if n == 0:
         return True
-    first = plan.at[TARGET + 1] - 3 * n
+    first = layout.at[TARGET + 1] - 3 * n
     ahead, behind = 0.0, 0.0
     for i in range(n):
         load = lane[first + 2 * n + i] + lane[slope + i]
@@ -166,20 +166,21 @@ def _draw(clock):
 
 
 @inner
-def observe(lane, clock, plan, first, log):
+def observe(lane, clock, layout, first, log):
     """Write the observation after a step, the reward, and whether the episode is over; note the step in the log.
 
     Args:
         lane: the lane, with the readings; changed in place.
         clock: its whole numbers, changed in place.
-        plan: what all lanes share.
+        layout: what all lanes share.
         first: whether this is the start of an episode, not the end of a step.
         log: output: for each step the command, the readings and the displacement, shape (T + 1, R), or no rows.
     """
-    settings, task, at = plan.settings, plan.task, plan.at
+    settings, task, at = layout.settings, layout.task, layout.at
     axes, kind = settings[AXES], settings[KIND]
     width, feet = (at[JOINTS + 1] - at[JOINTS]) // 3, (at[FEET + 1] - at[FEET]) // 3
-    memory, result, observation = part(lane, plan, MEMORY), part(lane, plan, RESULT), part(lane, plan, OBSERVATION)
+    memory, result = part(lane, layout, MEMORY), part(lane, layout, RESULT)
+    observation = part(lane, layout, OBSERVATION)
     # positions and efforts of the joints, velocities of the contacts, and what is commanded
     filled = 0
     for row in (0, 2):
@@ -189,7 +190,7 @@ def observe(lane, clock, plan, first, log):
     for i in range(at[FEET] + feet, at[FEET] + 2 * feet):
         observation[filled] = lane[i]
         filled += 1
-    for column in plan.observed:
+    for column in layout.observed:
         observation[filled] = lane[at[ROW] + column]
         filled += 1
     # where the body is along the direction of the task
@@ -197,7 +198,7 @@ def observe(lane, clock, plan, first, log):
     for d in range(axes):
         memory[d] = 0.0
         for j in range(width):
-            memory[d] += plan.weights[d, j] * lane[at[JOINTS] + j]
+            memory[d] += layout.weights[d, j] * lane[at[JOINTS] + j]
         along += task[DIRECTION + d] * memory[d]
     if first:
         memory[axes + FURTHEST] = memory[axes + BEGAN] = result[ALONG] = along
@@ -231,8 +232,8 @@ def observe(lane, clock, plan, first, log):
     for o in range(filled):
         value = observation[o]
         if sigma > 0.0:
-            value += sigma * plan.spans[SCALE, o] * _draw(clock)
-        observation[o] = min(max(value, -plan.spans[BOUND, o]), plan.spans[BOUND, o])
+            value += sigma * layout.spans[SCALE, o] * _draw(clock)
+        observation[o] = min(max(value, -layout.spans[BOUND, o]), layout.spans[BOUND, o])
     # the reward: what was gained less the price of the work
     result[ALONG] = along
     result[SPENT] = 0.0 if first else lane[at[ACCOUNT] + WORK]
@@ -257,10 +258,10 @@ def command_one(lane, clock, action, floats, ints):
         lane: its memory, changed in place.
         clock: its whole numbers.
         action: rates, shape (A,).
-        floats: shared numbers, see `open_plan`.
-        ints: shared whole numbers, see `open_plan`.
+        floats: shared numbers, see `open_layout`.
+        ints: shared whole numbers, see `open_layout`.
     """
-    command(lane, clock, action, open_plan(floats, ints))
+    command(lane, clock, action, open_layout(floats, ints))
 
 
 @compiled
@@ -271,11 +272,11 @@ def observe_some(lanes, clocks, which, floats, ints, first, logs):
         lanes: the memory of each environment, shape (M, B), changed in place.
         clocks: whole numbers of each, shape (M, 4), changed in place.
         which: the environments, shape (K,).
-        floats: shared numbers, see `open_plan`.
-        ints: shared whole numbers, see `open_plan`.
+        floats: shared numbers, see `open_layout`.
+        ints: shared whole numbers, see `open_layout`.
         first: whether this is the start of their episodes.
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
-    plan = open_plan(floats, ints)
+    layout = open_layout(floats, ints)
     for m in which:
-        observe(lanes[m], clocks[m], plan, first, logs[m])
+        observe(lanes[m], clocks[m], layout, first, logs[m])

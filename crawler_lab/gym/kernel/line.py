@@ -10,20 +10,20 @@ from crawler_model.motion.line.follow import follow
 from crawler_model.motion.state import VISITED
 
 from .lane import command, end_of_step, observe
-from .plan import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_plan, part
+from .layout import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_layout, part
 
 
 @inner
-def _read(lane, clock, plan, contacts, springs, seen, first):
+def _read(lane, clock, layout, contacts, springs, seen, first):
     """Read the sensors of an environment after a step, or at the start of its episode."""
-    settings = plan.settings
+    settings = layout.settings
     seconds = np.inf
     if not first:
         seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / NS
-    joints, feet = part(lane, plan, JOINTS), part(lane, plan, FEET)
+    joints, feet = part(lane, layout, JOINTS), part(lane, layout, FEET)
     joints, feet = joints.reshape((3, joints.shape[0] // 3)), feet.reshape((3, feet.shape[0] // 3))
-    read_records(contacts, springs, plan.stations, seen, seconds, joints, feet)
-    displacement = part(lane, plan, DISPLACEMENT)
+    read_records(contacts, springs, layout.stations, seen, seconds, joints, feet)
+    displacement = part(lane, layout, DISPLACEMENT)
     for i in range(contacts.shape[0]):
         displacement[i] = contacts[i].x
 
@@ -37,29 +37,29 @@ def step_lanes(lanes, clocks, bodies, actions, shared, memory, logs):
         clocks: whole numbers of each, shape (M, 4), changed in place.
         bodies: CONTACT, shape (M, N), and SPRING, shape (M, S), changed in place.
         actions: finite, shape (M, A).
-        shared: numbers and whole numbers, see `open_plan`; SEEN of the contacts that are read, shape (K,); and whether
-            to observe, False where readings of segments have to be added first.
+        shared: numbers and whole numbers, see `open_layout`; SEEN of the contacts that are read, shape (K,); and
+            whether to observe, False where readings of segments have to be added first.
         memory: RAMP, with the budget and the method, shape (1,), and the fields of a `Model`.
         logs: output, see `observe`, shape (M, T + 1, R), or (M, 0, R).
     """
     contacts, springs = bodies
     floats, ints, seen, observes = shared
     ramps, model = memory
-    plan = open_plan(floats, ints)
+    layout = open_layout(floats, ints)
     records = np.empty((0, 0))
     for m in range(lanes.shape[0]):
         if clocks[m, SKIPPED]:
             continue
         lane, clock = lanes[m], clocks[m]
-        command(lane, clock, actions[m], plan)
-        account, target = part(lane, plan, ACCOUNT), part(lane, plan, TARGET)
+        command(lane, clock, actions[m], layout)
+        account, target = part(lane, layout, ACCOUNT), part(lane, layout, TARGET)
         for entry in range(account.shape[0]):  # a loop is faster than a slice
             account[entry] = 0.0
         account[VISITED] = np.inf
         follow(contacts[m], springs[m], ramps, model, target.reshape((1, target.shape[0])), account, records)
-        _read(lane, clock, plan, contacts[m], springs[m], seen, False)
+        _read(lane, clock, layout, contacts[m], springs[m], seen, False)
         if observes:
-            observe(lane, clock, plan, False, logs[m])
+            observe(lane, clock, layout, False, logs[m])
 
 
 @compiled
@@ -76,8 +76,8 @@ def begin_episodes(lanes, clocks, bodies, which, shared, logs):
     """
     contacts, springs = bodies
     floats, ints, seen, observes = shared
-    plan = open_plan(floats, ints)
+    layout = open_layout(floats, ints)
     for m in which:
-        _read(lanes[m], clocks[m], plan, contacts[m], springs[m], seen, True)
+        _read(lanes[m], clocks[m], layout, contacts[m], springs[m], seen, True)
         if observes:
-            observe(lanes[m], clocks[m], plan, True, logs[m])
+            observe(lanes[m], clocks[m], layout, True, logs[m])

@@ -57,7 +57,7 @@ TRAVEL, SPEED, REACH = range(3)
 """Kinds of task."""
 
 
-class Plan(NamedTuple):
+class Layout(NamedTuple):
     """What all lanes share.
 
     Attributes:
@@ -94,7 +94,7 @@ settings, the offsets of the parts of a lane, and the offsets of both."""
 
 
 @inner
-def open_plan(floats, ints):
+def open_layout(floats, ints):
     """Find the parts of what all lanes share.
 
     Args:
@@ -102,12 +102,12 @@ def open_plan(floats, ints):
         ints: settings, offsets, and INTS, one after another.
 
     Returns:
-        The plan.
+        The layout.
     """
     first = SETTINGS + PARTS + 1
     f, i = ints[first : first + 6], ints[first + 6 : first + 11]
     axes, columns = ints[AXES], i[1] - i[0]
-    return Plan(
+    return Layout(
         ints[:SETTINGS],
         ints[SETTINGS:first],
         floats[f[0] : f[1]].reshape((3, columns)),
@@ -123,15 +123,15 @@ def open_plan(floats, ints):
 
 
 @inner
-def part(lane, plan, which):
+def part(lane, layout, which):
     """Find a part of a lane.
 
     Args:
         lane: the lane.
-        plan: what all lanes share.
+        layout: what all lanes share.
         which: the part.
 
     Returns:
         A view of it.
     """
-    return lane[plan.at[which] : plan.at[which + 1]]
+    return lane[layout.at[which] : layout.at[which + 1]]
