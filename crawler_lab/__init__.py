@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .optimise.optimise import optimise
     from .optimise.optimum import Optimum
     from .optimise.pareto import Front, pareto
-    from .sweep.many import simulate_many
+    from .sweep.many_runs import simulate_many
     from .sweep.results import ManyRuns
     from .sweep.vary import Variations, vary
 
@@ -64,7 +64,7 @@ _NAMES = {
     "optimise.optimise": ("optimise",),
     "optimise.optimum": ("Optimum",),
     "optimise.pareto": ("Front", "pareto"),
-    "sweep.many": ("simulate_many",),
+    "sweep.many_runs": ("simulate_many",),
     "sweep.results": ("ManyRuns",),
     "sweep.vary": ("Variations", "vary"),
 }

@@ -63,7 +63,7 @@ def sweep(
     """
     from crawler_model import load_scene
 
-    from ..sweep.many import Settings
+    from ..sweep.many_runs import Settings
 
     drawn = png is not None or len(vary) <= 2
     require("pyarrow", *(["matplotlib"] if drawn else []), *(["distributed"] if scheduler is not None else []))

@@ -22,7 +22,7 @@ from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_ros.recording.attachments import installed_version
 
 from ..pictures.sweep import shown_gain
-from ..sweep.many import Settings, run_chunk, simulate_many
+from ..sweep.many_runs import Settings, run_chunk, simulate_many
 from ..sweep.results import COLUMNS, ManyRuns, gather
 from ..sweep.rows import ROW, SCREW
 from ..sweep.vary import MOST_VARIATIONS, Variations, vary

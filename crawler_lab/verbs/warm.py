@@ -84,7 +84,7 @@ def compile_batches() -> None:
     """Compile the kernels of many runs at once, which `sweep` and `optimise` use."""
     from crawler_model import load_scene
 
-    from ..sweep.many import simulate_many
+    from ..sweep.many_runs import simulate_many
 
     for name in ("two_contacts_anisotropic", "three_springs", "planar_three_points"):
         simulate_many([load_scene(name)] * 2, 0.05)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler_lab.sweep.many import simulate_many
+from crawler_lab.sweep.many_runs import simulate_many
 from crawler_lab.sweep.vary import vary
 from crawler_model.body.curves import Bend, line
 from crawler_model.body.play import build_play

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from crawler_command.check import choose_rate, print_report
 from crawler_command.screen import Screen
-from crawler_lab.sweep.many import simulate_many
+from crawler_lab.sweep.many_runs import simulate_many
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
 from crawler_model.run.simulate import simulate

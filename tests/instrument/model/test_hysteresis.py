@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_lab.sweep.many import simulate_many
+from crawler_lab.sweep.many_runs import simulate_many
 from crawler_lab.sweep.vary import vary
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import SceneError

@@ -17,7 +17,7 @@ import pytest
 
 from crawler_lab import simulate_many, vary
 from crawler_lab.sweep import batch, workers
-from crawler_lab.sweep.many import Settings, run_chunk
+from crawler_lab.sweep.many_runs import Settings, run_chunk
 from crawler_model import CommandError, CrawlerError, Scene, SceneError, load_scene, simulate
 from crawler_model.run.account import average_displacement
 from crawler_model.run.transport import supporting_force

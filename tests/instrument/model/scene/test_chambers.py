@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crawler_lab.sweep.many import simulate_many
+from crawler_lab.sweep.many_runs import simulate_many
 from crawler_lab.sweep.vary import vary
 from crawler_model import Crawler, Scene, SceneError, simulate
 from crawler_model.body.names import name_every_contact, name_every_spring
