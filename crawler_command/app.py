@@ -17,7 +17,7 @@ from crawler_model import CrawlerError, __version__
 from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 
 from .executables import describe_missing
-from .many.compare import compare
+from .recordings.compare import compare
 from .replay import replay
 from .run import run_controller
 from .screen import (

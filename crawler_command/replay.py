@@ -147,7 +147,7 @@ def _replay_many(
         raise CrawlerError("--parquet: missing; several recordings make a data set, in a folder to be named")
     from crawler_model import load_scene
 
-    from .many.recordings import plan_batch, print_skipped, run_batch
+    from .recordings.data_set import plan_batch, print_skipped, run_batch
 
     loaded = None if scene is None else load_scene(scene)
     batch = plan_batch(recordings, folder, resume, loaded, namespace)

@@ -285,7 +285,7 @@ def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
     if not isinstance(found, Front) and out is not None:
         write_scene(found.scene, out)
     if png is not None:
-        from crawler_command.many.units import unit_of
+        from crawler_command.units import unit_of
 
         from ..pictures.optimum import draw_front, draw_optimum
 

@@ -15,8 +15,8 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from crawler_command.many.units import unit_of
 from crawler_command.screen import check_output, whole_file
+from crawler_command.units import unit_of
 from crawler_model import CrawlerError, Scene
 from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_ros.recording.attachments import installed_version
@@ -190,7 +190,7 @@ def _simulate_on_cluster(
     `simulate_many`'s, to the bit on equal processors. A `CrawlerError` tells that there is no scheduler or no worker,
     or that a worker cannot run the variations.
     """
-    from crawler_command.many.cluster import SchedulerEndedError, connect
+    from crawler_command.jobs.cluster import SchedulerEndedError, connect
 
     began, interrupted = time.perf_counter(), False
     settings.check()

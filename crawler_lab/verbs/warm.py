@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from crawler_command.many.cores import WorkerEndedError, run_on_cores
+from crawler_command.jobs.cores import WorkerEndedError, run_on_cores
 from crawler_command.screen import ShowProgress, progress_bar
 from crawler_model import CrawlerError
 

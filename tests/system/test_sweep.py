@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from crawler_command.app import main
-from crawler_command.many.units import unit_of
+from crawler_command.units import unit_of
 from crawler_model import load_scene
 
 from ..processes import PATIENCE_S, wait_until
@@ -255,7 +255,7 @@ def command_status(arguments: list[str], folder: Path, monkeypatch, patience: fl
     """Run the command in this process, which spares a second each."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "argv", ["crawler", *arguments])
-    monkeypatch.setattr("crawler_command.many.cluster.PATIENCE_S", patience)
+    monkeypatch.setattr("crawler_command.jobs.cluster.PATIENCE_S", patience)
     with pytest.raises(SystemExit) as left:
         main()
     return int(left.value.code or 0)

@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 
-from crawler_command.many import recordings
-from crawler_command.many.cores import WorkerEndedError, run_on_cores
+from crawler_command.jobs.cores import WorkerEndedError, run_on_cores
+from crawler_command.recordings import data_set
 from crawler_lab import vary
 from crawler_model import CrawlerError, load_scene
 
@@ -273,13 +273,13 @@ def test_processes_pass_on_errors_and_name_the_jobs_that_were_not_finished(monke
     def end(*given: object) -> None:
         raise WorkerEndedError([2, 1])
 
-    monkeypatch.setattr(recordings, "run_on_cores", end)
+    monkeypatch.setattr(data_set, "run_on_cores", end)
     names = {"a": "one", "b": "two", "c": "three"}
-    batch = recordings.Batch(Path("out"), {}, names, 0, {}, None, None)
+    batch = data_set.Batch(Path("out"), {}, names, 0, {}, None, None)
     with pytest.raises(
         CrawlerError, match="a process ended while it analysed one of two, three, perhaps out of memory"
     ):
-        list(recordings._outcomes(batch, [], 2, None))
+        list(data_set._outcomes(batch, [], 2, None))
 
 
 def split(rows: Any) -> list[Any]:

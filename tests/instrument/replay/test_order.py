@@ -108,7 +108,7 @@ def test_all_readers_read_in_the_order_of_reception(tmp_path, recorded, where):
             runs = read_bag(path, load_scene("three_contacts_one_way"), {})
             found.append([(m.time.tolist(), m.values.tolist(), m.commands.tolist()) for m in runs])
         else:
-            from crawler_command.many.recording_rows import tabulate
+            from crawler_command.recordings.rows import tabulate
 
             made = tabulate(str(path), None, None)
             found.append((made.reason, made.healthy, made.tables["cycles"], made.tables["account"]))

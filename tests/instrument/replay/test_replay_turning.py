@@ -108,7 +108,7 @@ def test_a_recording_that_begins_in_mid_run_is_compared(name, periods, cut, left
 
 def test_a_data_set_has_the_turn_of_bodies_that_turn(bag, run, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
-    from crawler_command.many.recording_rows import tabulate
+    from crawler_command.recordings.rows import tabulate
 
     def rows_of(folder):
         made = tabulate(str(folder / f"{folder.name}_0.mcap"), None, None)

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from crawler_command.many.units import unit_of
+from crawler_command.units import unit_of
 from crawler_lab import sensitivities, simulate_many, vary
 from crawler_model import Scene, SceneError, load_scene, simulate
 

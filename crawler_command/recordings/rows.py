@@ -24,7 +24,7 @@ from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.cycle_table import Cycle, EnergyBalance, account_of
 from crawler_ros.replay.show.tables import cycles_table, slips_table
 
-from .units import unit_of
+from ..units import unit_of
 
 TABLES = ("cycles", "slips", "account", "runs")
 """The tables of a data set; a recording is finished as soon as it has its row of `runs`, which is written last."""

@@ -21,8 +21,8 @@ from pyarrow import parquet
 from crawler_model import CrawlerError, Scene
 from crawler_ros.recording.bag import BagError, find_file
 
-from .cores import WorkerEndedError, run_on_cores
-from .recording_rows import (
+from ..jobs.cores import WorkerEndedError, run_on_cores
+from .rows import (
     IDENTITY,
     TABLES,
     Identity,
@@ -217,7 +217,7 @@ def _outcomes(
     """Analyse recordings, and yield the number of each with its outcome, in the order in which they finish."""
     jobs = [(str(bag), batch.scene, batch.namespace) for bag in bags]
     if scheduler is not None:
-        from .cluster import connect
+        from ..jobs.cluster import connect
 
         with connect(scheduler) as cluster:
             yield from cluster.run_jobs(tabulate, jobs)

@@ -1,0 +1,1 @@
+"""Recordings by the hundred as one data set, and recordings and scenes side by side."""
