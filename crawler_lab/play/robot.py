@@ -124,11 +124,8 @@ class Robot(ABC):
         Args:
             name: of the lesson.
 
-        Returns:
-            What then is shown and commanded instead.
-
         Raises:
-            CommandError: if there is no such lesson.
+            CommandError: always, because only simulated crawlers have lessons.
         """
         raise CommandError(f"lesson: {name}; only a simulated crawler opens lessons, start it without --ros")
 
@@ -154,10 +151,7 @@ class Robot(ABC):
             name: one of `keeps`.
             folder: the folder to write to.
 
-        Returns:
-            A function that writes the file, in any thread, and returns it.
-
         Raises:
-            CommandError: if there is no such file.
+            CommandError: always, because robots record their own runs.
         """
         raise CommandError(f"{name}: a robot records its own run")
