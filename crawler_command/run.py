@@ -65,9 +65,9 @@ def run_controller(
     Arguments of the controller follow `--`, as in `-- --ros-args -p target:=0.1`.
 
     The controller is any Python program with a ROS 2 node. It starts as soon as the simulator has published a state,
-    and its output is not changed; the simulator shows its warnings and errors only. The exit status is that of the
-    controller, or 0 when --duration has ended it. Ctrl-C ends the controller, then the simulator. Both run on this
-    machine, in a ROS domain of their own, unless ROS_DOMAIN_ID or a discovery range is set.
+    and its output is not changed; the simulator shows only its warnings and errors. The command exits with the
+    controller's exit status, or 0 when --duration has ended it. Ctrl-C ends the controller, then the simulator. Both
+    run on this machine, in a ROS domain of their own, unless ROS_DOMAIN_ID or a discovery range is set.
     """
     require("rclpy", *(("mcap", "zstandard") if record is not None else ()))
     if not controller.is_file():

@@ -251,7 +251,7 @@ def _choose_color(forward: float, backward: float) -> str:
 
 
 def _shade(factors: np.ndarray, forward: float, backward: float) -> str:
-    """Choose the colour of a place of a profile: the farther its factors are from 1, the fuller is that of a patch."""
+    """Choose the colour of a place of a profile: a patch's colour, fuller the farther its factors are from 1."""
     largest = np.abs((factors - 1.0) / (factors + 1.0)).max()  # as far for 1/c as for c
     part = max(abs(factor - 1.0) / (factor + 1.0) for factor in (forward, backward)) / largest
     full, plain = np.array(rgb(_choose_color(forward, backward))), np.array(rgb(_PLAIN))

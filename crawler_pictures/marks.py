@@ -75,7 +75,7 @@ def _shows(bend: Bend) -> bool:
 
 
 def _mark(body: Body, states: np.ndarray, bends: dict[int, Bend], numbers: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Add the marks of what yields to those of what is slack or stalled."""
+    """Mark what yields, in addition to what is slack or stalled."""
     if not can_yield(body):
         return states
     elongation, actuation, tension = numbers

@@ -151,7 +151,7 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or segments beside
+        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or segments with
             hysteresis, backlash, friction that changes with elongations, or ground with patches, a profile or walls.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
@@ -313,8 +313,8 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, regions of the ground in the plane, or segments beside a memory or ground that
-            differs from place to place.
+        SceneError: if it has no drive, regions of the ground in the plane, or segments with a memory, or segments on
+            ground that differs from place to place.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")

@@ -181,9 +181,7 @@ def _with_loads(scene: Scene, ranges: Ranges) -> Scene:
 def _check_ground_and_friction(actions: Actions, scene: Scene, ranges: Ranges) -> None:
     free, track = bool((actions.free >= scene.columns.lengths).any()), scene.ground.track
     if "slope" in ranges.ranges and track is not None and track.profile is not None and track.profile[3].any():
-        raise CrawlerError(
-            f"options: slope: {scene.name} has a ground.profile of slopes, beside which there is no other; leave it out"
-        )
+        raise CrawlerError(f"options: slope: the ground.profile of {scene.name} sets all slopes; leave it out")
     if "friction" in ranges.ranges and free:
         raise CrawlerError(
             "options: friction cannot be randomised where it is free to be commanded; leave one of the two out"

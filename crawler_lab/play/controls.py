@@ -329,7 +329,7 @@ def _find_weights(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     body, columns, ground = scene.body, scene.columns, scene.ground
     none = np.zeros(0), np.zeros(0, np.int64)
     if body.shares_contacts:
-        return none  # the weight of a contact that parts share is that of none of them
+        return none  # a contact that parts share has a weight that belongs to none of them
     weight = ground.weight / body.ground
     firsts = np.array([*body.isolated, *(s.first for s in body.segments)], dtype=np.int64)
     if not columns.loads or not weight.any():

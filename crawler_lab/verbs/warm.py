@@ -189,7 +189,7 @@ def _compile(kinds: list[Kind]) -> None:
         for kind in kinds:
             build, _ = BUILDS[kind]
             build()
-    finally:  # where there is one process, it is that of the command, or of a test
+    finally:  # a single process is the process of the command or of a test
         announcer.show, kernel_cache.report = before
 
 

@@ -42,8 +42,8 @@ class Body:
         turning: joints, frames and heading of a body in the plane whose springs have lengths, see `Turning`; None where
             they are vectors, and on a line.
 
-    What is said of the plane below is different for bodies that turn: they have an elongation and a tension for each
-    link and, behind these, for each joint, an angle [rad] and a torque [N m], together shape (S + J,).
+    Bodies that turn differ from the other bodies in the plane below: they have an elongation and a tension for each
+    link, followed by an angle [rad] and a torque [N m] for each joint, together shape (S + J,).
     """
 
     position: np.ndarray

@@ -176,7 +176,7 @@ def _point(position: np.ndarray) -> str:
 
 
 def _first_contacts(parts: list[Interval]) -> list[int]:
-    """Find the index of the first contact of each part: that of the last one of the part before if they touch."""
+    """Find the first contact of each part, which is the last contact of the part before where they touch."""
     first = [0]
     for here, there in itertools.pairwise(parts):
         touches = here.nodes.ndim == 1 and touch(float(here.nodes[-1]), float(there.nodes[0]))

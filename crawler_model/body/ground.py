@@ -119,7 +119,7 @@ class Track:
 
     @property
     def largest_added(self) -> np.ndarray:
-        """The largest friction that elongations add to that of each contact, shape (2, N) [N]."""
+        """The largest friction that elongations add to each contact, shape (2, N) [N]."""
         added = np.zeros((2, self.weight.size))
         for coupling in self.couplings:
             added[:, coupling.contact] += coupling.added.max(axis=1)
@@ -184,7 +184,7 @@ class Track:
             targets: for ground without patches: forward and backward bounds and, with loads, loads, shape (..., 2 N)
                 or (..., 3 N) [N].
             place: of each contact, shape (..., N).
-            at: its position on the track, shape (..., N); without a profile the place alone counts [m].
+            at: its position on the track, shape (..., N); without a profile only the place counts [m].
 
         Returns:
             Forward bounds, backward bounds and loads (on a border the mean of both sides), shape (..., N) [N].

@@ -247,7 +247,7 @@ class _Periods:
         return change * ratio / (1.0 - ratio)
 
     def is_settled(self, tolerance: float) -> bool:
-        """Determine whether the gain is within the tolerance [1] of that of a regime that lasts."""
+        """Determine whether the gain is within the tolerance [1] of the gain of a regime that lasts."""
         allowed = max(tolerance, self.error) * self.travel
         return self.transient_left() <= allowed and self._lasts(allowed)
 

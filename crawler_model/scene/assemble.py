@@ -118,7 +118,7 @@ def _check_profile(parts: SceneParts) -> None:
     if parts.body.is_bent:
         raise SceneError(
             "ground.profile: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
-            "`backlash` it is not supported; give `stiffness` alone"
+            "`backlash` it is not supported; give only `stiffness`"
         )
     frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
     if parts.ground.profile.slope is not None and any(f is not None and f.coefficient is not None for f in frictions):
@@ -138,10 +138,12 @@ def _check_couplings(parts: SceneParts) -> None:
     if parts.body.is_bent:
         raise SceneError(
             "friction.with_elongation: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
-            "`backlash` it is not supported; give `stiffness` alone"
+            "`backlash` it is not supported; give only `stiffness`"
         )
     if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
-        raise SceneError("friction.with_elongation: beside coefficients it is not supported; give `friction` as forces")
+        raise SceneError(
+            "friction.with_elongation: not supported with coefficients of friction; give `friction` as forces"
+        )
 
 
 def _check_planar(parts: SceneParts) -> None:

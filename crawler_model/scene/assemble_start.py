@@ -229,7 +229,9 @@ def _check_planar_start(assembly: Assembly) -> None:
     if excess[worst] > 0.0:
         proposal = "`start: relaxed` is a start without tension"
         if loads.size and (_beyond(loads, friction, assembly.directions) > near).any():
-            proposal = "a load is too large for its contact alone: start where springs carry some of it to the others"
+            proposal = (
+                "a load exceeds the friction of its own contact: start where springs carry some of it to the others"
+            )
         raise SceneError(
             f"start.displacement: contact {worst} is pulled by [{force[worst, 0]:g}, {force[worst, 1]:g}] N, "
             f"{excess[worst]:g} N more than its friction; {proposal}"

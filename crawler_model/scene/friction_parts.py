@@ -116,8 +116,8 @@ class ProfilePart(Part):
         "Factors on the friction of contacts at these places, or `forward` and `backward`. Default: 1.", "1", minimum=0
     )
     slope: tuple[Number, ...] | None = optional(
-        "Slopes at these places, positive uphill towards +x; the sine is linear between them. Default: that of the "
-        "track.",
+        "Slopes at these places, positive uphill towards +x; the sine is linear between them. Default: the slope "
+        "of the track.",
         "degrees",
         exclusiveMinimum=-90,
         exclusiveMaximum=90,
@@ -214,7 +214,7 @@ class CouplingPart(Part):
             needed = self.link is None if name == "strain" else self.link is not None
             if (getattr(self, name) is not None) != needed:
                 kind = "segment" if self.link is None else "link"
-                raise ValueError(f"{name}: {'missing' if needed else 'given'} beside `{kind}`")
+                raise ValueError(f"{name}: {'missing' if needed else 'given'} with `{kind}`")
         if not self.knots:
             raise ValueError(f"{key}: no values; give at least one")
         _check_increasing(key, self.knots, unit, "values")

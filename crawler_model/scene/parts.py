@@ -372,7 +372,7 @@ class GroundPart(Part):
         "Other ground between two places of the track: in order, without overlap.", default=()
     )
     profile: ProfilePart | None = optional(
-        "Ground that changes gradually: friction and slope linear between places of the track, beside patches. "
+        "Ground that changes gradually: friction and slope linear between places of the track, together with patches. "
         "Default: none."
     )
     walls: tuple[WallPart, ...] = key("Walls on the track, at which contacts stand.", default=())
@@ -396,7 +396,7 @@ class GroundPart(Part):
         if self.direction is not None and not abs(self.direction) <= _TURN:
             raise ValueError(f"direction: {self.direction:g} rad; it must be between -{_TURN} and {_TURN}, a full turn")
         if self.profile is not None and self.profile.slope is not None and self.slope != 0.0:
-            raise ValueError(f"slope: {self.slope:g} degrees beside `profile.slope`; give one of them")
+            raise ValueError(f"slope: {self.slope:g} degrees, but `profile.slope` is given; give one of them")
         for i, (one, other) in enumerate(zip(self.patches, self.patches[1:], strict=False)):
             if other.start < one.stop:
                 raise ValueError(

@@ -82,7 +82,7 @@ def draw_ground(stream: Any, scene: Scene, window: np.ndarray, origin: float, le
         show_labels=True,
     )
     stream.log("world/ground/text", texts)
-    if scene.parts.ground.walls:  # also on a page without any, as those of the page before are gone
+    if scene.parts.ground.walls:  # also on a page without walls, to clear the walls of the page before
         places = [wall.at - origin for wall in list_walls(scene, left, right)]
         bars, radius = [[[x, 0.05 * length], [x, -0.3 * length]] for x in places], rr.Radius.ui_points(3.0)
         stream.log("world/ground/walls", rr.LineStrips2D(bars, colors=[rgb(WALL)], radii=radius, draw_order=-10.0))

@@ -105,7 +105,7 @@ def lay_out_pose(frame: str) -> MessageLayout:
         frame: the header's frame_id.
 
     Returns:
-        Its layout; the numbers are those of `list_pose`.
+        Its layout; its numbers are what `list_pose` returns.
     """
     cdr = CdrWriter()
     stamp = cdr.header(frame)
@@ -122,8 +122,8 @@ def lay_out_odometry(frame: str, child: str) -> MessageLayout:
         child: child_frame_id, the frame of the twist.
 
     Returns:
-        Its layout; the numbers are those of `list_pose`, the velocity along the two axes of the child frame [m/s], and
-        the rate of the angle [rad/s].
+        Its layout; its numbers are what `list_pose` returns, the velocity along the two axes of the child frame [m/s],
+        and the rate of the angle [rad/s].
     """
     cdr = CdrWriter()
     stamp = cdr.header(frame)

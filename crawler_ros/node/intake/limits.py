@@ -1,4 +1,4 @@
-"""Limits of commands: a length many times that of the body is a mistake, such as millimetres for metres."""
+"""Limits of commands: a length many times the body's is a mistake, such as millimetres for metres."""
 
 from __future__ import annotations
 

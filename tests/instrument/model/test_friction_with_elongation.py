@@ -223,8 +223,8 @@ def test_a_scene_survives_a_round_trip(kind):
         ({"elongation": [], "forward": []}, "friction.with_elongation.0: elongation: no values"),
         ({"forward": [-1.0, 0.0]}, "friction.with_elongation.0: forward: -1; added friction must be >= 0"),
         ({"added": [1.0, 0.0]}, "friction.with_elongation.0: give `added`, or `forward` and `backward`, not both"),
-        ({"strain": [0.0, 1.0]}, "friction.with_elongation.0: strain: given beside `link`"),
-        ({"elongation": None}, "friction.with_elongation.0: elongation: missing beside `link`"),
+        ({"strain": [0.0, 1.0]}, "friction.with_elongation.0: strain: given with `link`"),
+        ({"elongation": None}, "friction.with_elongation.0: elongation: missing with `link`"),
         ({"segment": "trunk"}, "friction.with_elongation.0: give `link`, `contacts` and `elongation`, or `segment`"),
         ({"elongtion": [0.0]}, "friction.with_elongation.0.elongtion: unknown key; the nearest known key is"),
     ],
@@ -258,7 +258,7 @@ def test_an_unknown_segment_is_named():
                 "body": {"contacts": [0.0, 0.5], "links": {"stiffness": 1.0}, "weights": 1.0},
                 "friction": {"coefficient": {"isotropic": 1}, SWELLS: [{"link": 0, "contacts": [0]} | SHORTER]},
             },
-            "friction.with_elongation: beside coefficients it is not supported",
+            "friction.with_elongation: not supported with coefficients of friction",
         ),
         (
             {

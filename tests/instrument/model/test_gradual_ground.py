@@ -296,7 +296,7 @@ def test_mistakes_in_a_profile_are_named_in_one_line(profile, message):
         ),
         (
             {"ground": {"profile": {"at": [0.0], "slope": [2.0]}, "slope": 1.0}},
-            "slope: 1 degrees beside `profile.slope`",
+            "slope: 1 degrees, but `profile.slope` is given",
         ),
         (
             {"body": {"contacts": [0.0, 0.2], "links": {"stiffness": 1.0, "tension": 2.0}}},

@@ -297,7 +297,9 @@ def test_driven_loads_replace_those_of_the_scene():
 
 def test_what_each_contact_cannot_hold_alone_springs_carry_to_the_others():
     friction, loads = {"isotropic": [0.1, 2.0]}, [[0.5, 0.0], [0.0, 0.0]]
-    with pytest.raises(SceneError, match="too large for its contact alone: start where springs carry some of it"):
+    with pytest.raises(
+        SceneError, match="exceeds the friction of its own contact: start where springs carry some of it"
+    ):
         pair(friction=friction, loads=loads)
     run = simulate(pair(friction=friction, loads=loads, start={"displacement": [[0.45, 0.0], [0.0, 0.0]]}), 3.0)
     assert run.violation < 1e-9

@@ -407,7 +407,7 @@ WRONG = [
     ),
     (
         {"scene": hilly(), "randomise": {"slope": [0.0, 2.0]}},
-        "options: slope: chain has a ground.profile of slopes, beside which there is no other; leave it out",
+        "options: slope: the ground.profile of chain sets all slopes; leave it out",
     ),
 ]
 
