@@ -33,7 +33,7 @@ def draw_domain(scene: Plan, png: Path) -> None:
     sweeping process, with commanded friction the boxes at the waypoints; below, tension and interval over time. For
     three contacts: the polygon for each commanded friction, its sides marked with the direction that they allow. For
     more: projections onto two sections, and the range of each. In the plane: the set of admissible friction forces of
-    each contact, and the path of its spring force; of bodies that turn both in the frame of the point's friction.
+    each contact, and the path of its spring force; for bodies that turn both in the frame of the point's friction.
 
     Args:
         scene: the scene; without a drive, only its start is drawn in the domain.

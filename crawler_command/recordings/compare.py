@@ -49,7 +49,7 @@ def compare(
     ] = False,
     force: ForceOption = False,
 ) -> None:
-    """Compare scenes and recordings: translation and energy of cycles; of recordings also commands and slips over time.
+    """Compare scenes and recordings: translation and energy of cycles, and for recordings commands and slips.
 
     crawler compare two_anchor_a two_anchor_b two_anchor_c --png three.png
 

@@ -68,14 +68,14 @@ class Sensitivities:
         net_translation: d y / d p, shape (T, P), in the plane (T, 2, P).
         yaw: derivatives of the yaw, shape (T, P); 0 for bodies that do not turn.
         per_period: derivatives of the net translation gained in each whole period, shape (periods, P), in the plane
-            (periods, 2, P); of bodies that turn of dx, dy and dyaw as in `Trajectory`, shape (periods, 3, P).
+            (periods, 2, P); for bodies that turn of dx, dy and dyaw as in `Trajectory`, shape (periods, 3, P).
         work: derivatives of the work of the actuators in the whole run, shape (P,).
         period_work: derivatives of that work in each whole period, shape (periods, P).
         one_sided: parameters with respect to which a result, be it the displacement at one tick, has a one-sided
             derivative, or none as a relaxed start or a contact jumps there, bool, shape (P,).
         kinks: where they are.
         tolerance: on a line 0, as derivatives are exact but for rounding; where they are differences of runs, by how
-            much those to both sides differ, where they are not one-sided; of segments a bound of the error of the
+            much those to both sides differ, where they are not one-sided; for segments a bound of the error of the
             net translation's derivatives that are not in `unresolved`, in the plane of the displacement's derivatives
             that are not one-sided, relative to the largest one with respect to the same parameter; NaN where there are
             none [1].

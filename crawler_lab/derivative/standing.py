@@ -7,7 +7,7 @@ friction: with the force g on the contact that rests in its place, it lies at th
 
 of the cell of that contact where the segment lengthens, and at 1 - q where it shortens. On the grid the contact rests
 instead, whatever the parameters, and at some of their values another one takes over: there the displacement jumps, and
-between them it does not change. Of the continuous body all contacts are displaced by the elongation between the point
+between them it does not change. In the continuous body all contacts are displaced by the elongation between the point
 and the contact; the derivative of this displacement is added to the grid's derivatives.
 """
 

@@ -92,7 +92,7 @@ def place_weights(scene: Scene) -> np.ndarray:
         scene: the scene.
 
     Returns:
-        Weights of each axis in turn, shape (axes, W); of a segment its two ends count.
+        Weights of each axis in turn, shape (axes, W); for a segment its two ends count.
     """
     body, axes = scene.body, scene.dimension
     reader, width = StationReader(body), 1 + body.joints.shape[0]

@@ -189,7 +189,7 @@ class SteerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return np.asarray((crawler.body.position + crawler.displacement)[turning.heading].mean(axis=0))
 
     def _place(self, crawler: Crawler) -> np.ndarray:
-        """Find the middle of the heading from that at the start, along and across the heading then, shape (2,) [m]."""
+        """Find how far the middle of the heading has moved, along and across the first heading, shape (2,) [m]."""
         return _turn(self._middle(crawler) - self._start, -self._yaw)
 
     def _error(self, crawler: Crawler) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Gaits without exact derivatives: in the plane, of bodies that turn, and on patches of ground.
+"""Gaits without exact derivatives: in the plane, for bodies that turn, and on patches of ground.
 
 Candidates are followed period by period. In the plane the periodic regime is judged as on a line; on patches, where no
 two periods are the same, the mean of the first periods from the start is.

@@ -12,7 +12,7 @@ from .regime import Regime, RegimeDerivatives
 
 SCREW = "screw"
 OBJECTIVES = {"translation": "m", "cost-of-transport": "1", "travel": "1", "turn": "rad", SCREW: "m"}
-"""Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators; of bodies
+"""Objectives and their units: gain per period, work / (distance * force), gain / travel of the actuators; for bodies
 that turn also the turn per period, and the distance of the motion per period from a target."""
 TURNING_OBJECTIVES = ("translation", "cost-of-transport", "turn", SCREW)
 DEFAULT_PERIODS = 10
@@ -73,7 +73,7 @@ class Goal:
         """Compute how far the motion of a period is from the target.
 
         Args:
-            regime: of a body that turns.
+            regime: a regime of a body that turns.
 
         Returns:
             |(dx, dy, length * dyaw) - target| [m].

@@ -61,14 +61,14 @@ def optimise(
             with all that it commands: friction and loads are the scene's own.
         objective: "translation", the gain per period `towards` a direction; "cost-of-transport", work / (distance *
             force), the smaller the better; "travel", gain / sum of all changes of rest lengths, not of bodies that
-            turn; of these "turn", the turn per period to the left, or "screw", the least distance of the motion per
+            turn; for these "turn", the turn per period to the left, or "screw", the least distance of the motion per
             period from `target`.
         waypoints: number of evenly spaced waypoints of the drive, all unknown; None for 6, or for none if `free` names
             numbers of the scene and the scene has a periodic drive.
         stroke: bounds of the links' rest lengths [m] and of the segments' strains, or of each by name; None for the
-            range of the scene's drive. Of bodies that turn also of the joints' angles [rad]. What is not named, or what
-            the drive does not move, stays as it is. In the plane a link without a length has two components, link_0/x
-            and link_0/y, and its own name stands for both.
+            range of the scene's drive. For bodies that turn also bounds of the joints' angles [rad]. What is not named,
+            or what the drive does not move, stays as it is. In the plane a link without a length has two components,
+            link_0/x and link_0/y, and its own name stands for both.
         free: bounds of further unknowns by dotted key, as for `vary`; `friction` frees the friction of each contact [N]
             and segment [N/m] at each waypoint, the same in both directions.
         rate: fastest change of a rest length [m/s].
@@ -83,8 +83,8 @@ def optimise(
         robust_of: "expected" for the best mean over these bodies, "worst" for the best gait where it is worst.
         target: of "screw": dx, dy [m] and dyaw [rad] per period, in the frame of the body. An angle counts as a
             distance by the largest distance of two points of the body.
-        towards: in the plane, the direction in which a gain counts, counterclockwise from +x, of a body that turns from
-            its heading [degrees]; None for 0. On a line +x counts.
+        towards: in the plane, the direction in which a gain counts, counterclockwise from +x, for a body that turns
+            from its heading [degrees]; None for 0. On a line +x counts.
         periods: on patches of ground, number of first periods whose mean counts; None for 10.
         slower_than: largest inertia number [1]; the period becomes as long as it needs to be, which changes no gain.
         mapped: on a line, whether the objective over the two unknowns it depends on most is examined, too, for a

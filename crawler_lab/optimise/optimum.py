@@ -105,8 +105,8 @@ class Optimum:
         complete: whether the search ended because nothing better was found; False after Ctrl-C or a time limit, when
             the result depends on the machine.
         wall_s: wall-clock time [s].
-        motion: in the plane dx, dy per period [m], of a body that turns in its own frame and with dyaw [rad]; None on a
-            line.
+        motion: in the plane dx, dy per period [m], for a body that turns in its own frame and with dyaw [rad]; None on
+            a line.
         periods: on patches of ground, number of first periods whose mean `gain` is; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than in the search.
         interrupted: whether Ctrl-C ended the search.

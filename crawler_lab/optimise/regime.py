@@ -42,7 +42,7 @@ class Regime:
         peak: largest tension [N]; NaN if it was not requested.
         speed: fastest change of a rest length [m/s].
         settled: whether the tensions repeat, in the plane whether little is left of the transient.
-        motion: in the plane dx and dy [m], of a body that turns in its own frame and with dyaw [rad]; None on a line.
+        motion: in the plane dx and dy [m], for a body that turns in its own frame and with dyaw [rad]; None on a line.
     """
 
     gain: float

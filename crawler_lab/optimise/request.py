@@ -255,8 +255,8 @@ def held_lengths(scene: Scene) -> np.ndarray:
     """Return the first command of the drive of a scene, or the one in force without a drive.
 
     Returns:
-        Of each link and segment or joint, in the plane of each component of a link; of a segment whose strain varies,
-        of its first element [m, 1, rad].
+        The command for each link and segment or joint, in the plane for each component of a link; for a segment whose
+        strain varies, for its first element [m, 1, rad].
     """
     row, columns = scene.drive.rows[0], scene.columns
     if scene.dimension == 2:

@@ -96,7 +96,7 @@ class Space:
         """Choose the waypoint at which a period begins: the same gait may begin at any, but its frame turns with it.
 
         Returns:
-            Shape (P,), the same for all beginnings; of a body that turns, and on patches, as it is.
+            Shape (P,), the same for all beginnings; for a body that turns, and on patches, as it is.
         """
         numbers, rows = self.scenes[0].split(unit)
         base = self.scenes[0].base

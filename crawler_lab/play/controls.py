@@ -220,7 +220,7 @@ class Controls:
             rows: shape (V, C).
 
         Raises:
-            CommandError: if a value is not finite, or a friction is negative or, of a body that turns, far from others.
+            CommandError: if a value is not finite, or a friction is negative or, if the body turns, far from others.
         """
         columns = self.scene.columns
         for column in np.flatnonzero(~np.isfinite(rows).all(axis=0))[:1]:
@@ -254,7 +254,7 @@ class Controls:
             row: the command row without the share of the slope, shape (C,).
 
         Returns:
-            The value of each control, in order; of one that sets several columns, the value of the first.
+            The value of each control, in order; for one that sets several columns, the value of the first.
         """
         return [settings.slope if c.kind == SLOPE else float(row[c.columns[0]]) for c in self.controls.values()]
 

@@ -131,7 +131,7 @@ def save_scene(session: Session, file: Path) -> None:
 
     Args:
         session: the session.
-        file: the .yaml file; of a long drive its text is JSON, which is YAML that is read sooner.
+        file: the .yaml file; for a long drive its text is JSON, which is YAML that is read sooner.
     """
     document = write_scene(session).document()
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)

@@ -87,7 +87,7 @@ class View:
             instant: the instant.
 
         Returns:
-            Plain data. Of a chain `least` and `most` are the bounds of each tension while the others stay, and of two
+            Plain data. For a chain `least` and `most` are the bounds of each tension while the others stay, and for two
             or three contacts `domain` holds the vertices of the stasis domain.
         """
         body, n = self.scene.body, self.scene.body.contacts

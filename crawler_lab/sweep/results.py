@@ -62,7 +62,7 @@ class ManyRuns(Tabular):
         period_work: work of the actuators in the last whole period, shape (M,) [J]; NaN without one.
         period_dissipation: energy lost to friction in the last whole period, shape (M,) [J]; NaN without one.
         cost_of_transport: work / (distance * force) of the last whole period, shape (M,): the distance is |per_period|,
-            of a body that turns the length of (dx, dy), the force the sum of `body.weights`, or without weights the sum
+            for a body that turns the length of (dx, dy); the force is the sum of `body.weights`, or else the sum
             of (mu_plus + mu_minus) / 2, its mean over a period. NaN without a whole period, and for a body that does
             not travel.
         body_lengths: per_period in lengths of the body (in the plane, this distance), shape (M,).

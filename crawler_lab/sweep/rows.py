@@ -112,7 +112,7 @@ class Ledger:
             plan: the scene, or all variations.
             length: length of the body, shape (M,) [m].
             kernel_s: time spent in the kernels for each run [s].
-            screw: of bodies that turn, what `PeriodScrew` measured, shape (3,).
+            screw: for bodies that turn, what `PeriodScrew` measured, shape (3,).
 
         Returns:
             Shape (M,), dtype ROW.

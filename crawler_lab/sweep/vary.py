@@ -159,8 +159,8 @@ def vary(scene: Scene | str | Path, values: Mapping[str, ArrayLike], grid: bool 
         values: the values of each dotted key into the document of the scene: `friction.forward`, `drive.length`,
             `drive.wave.amplitude`, `ground.slope`, `body.links.stiffness` (of all links) or `body.links.stiffness[0]`
             (of the first; also written `body.links.stiffness.0`), `loads[2]`, `body.segments.trunk.stiffness`,
-            `body.links.tension` (the force at which the motors of all links stall), of bodies that turn `friction.left`
-            and `body.joints.stiffness`.
+            `body.links.tension` (the force at which the motors of all links stall), for bodies that turn
+            `friction.left` and `body.joints.stiffness`.
         grid: True for all combinations, False to combine the k-th values of all keys.
 
     Returns:

@@ -61,8 +61,8 @@ _Objective = Annotated[
     Objective,
     typer.Option(
         "--for",
-        help="What is best: the largest gain per period, cost of transport, or gain / travel; of bodies that turn also "
-        "the largest turn to the left per period, or the motion per period that is nearest to --target.",
+        help="What is best: the largest gain per period, cost of transport, or gain / travel; for bodies that turn "
+        "also the largest turn to the left per period, or the motion per period that is nearest to --target.",
     ),
 ]
 _Target = Annotated[

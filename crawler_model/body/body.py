@@ -30,10 +30,10 @@ class Body:
     Attributes:
         position: reference positions xi, shape (N,), increasing; shape (N, 2) in the plane [m].
         ends: the two contacts of each spring, shape (S, 2); on a line the first lies before the second.
-        stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body. Of a bent spring, its largest stiffness.
+        stiffness: k, shape (S,) [N/m]; (M, S) for M variations of a body. For a bent spring, its largest stiffness.
         share: weight of each contact in the net translation, shape (N,), summing to 1. Every isolated contact and
             every segment has the same weight; a segment contributes the mean over its length.
-        ground: length of ground that each contact represents, 1 for an isolated contact; of one that several parts
+        ground: length of ground that each contact represents, 1 for an isolated contact; for one that several parts
             share the sum over these, shape (N,) [m].
         isolated: indices of the isolated contacts, in the order of the scene, shape (I,).
         link_springs: index of the spring of each link, in the order of the scene, shape (links,).
@@ -79,7 +79,7 @@ class Body:
 
     @property
     def stiffnesses(self) -> np.ndarray:
-        """Stiffness of each spring, of a body that turns also of each joint [N/m, N m/rad]."""
+        """Stiffness of each spring, for a body that turns also of each joint [N/m, N m/rad]."""
         return self.stiffness if self.turning is None else join((self.stiffness, self.turning.joint_stiffness))
 
     @functools.cached_property

@@ -4,7 +4,7 @@ A command row holds, in this order, the rest length of each link (m), the strain
 sliding forward of each isolated contact (N) and of each segment (N/m), and the same for sliding backward. A segment
 whose strain or friction varies along it has one column per element or contact instead of a single one. If the
 scene has loads, they follow: one per isolated contact (N) and per segment (N/m). In the plane each link has two columns
-(x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y). Of a body that turns
+(x, y), and each contact has one friction, or one per direction, and with loads two columns (x, y). If a body turns,
 each link has one column (m), each joint one (rad), and each point four frictions, forward, backward, left and right.
 
 A target is the input of the kernels: one rest length per spring, then the forward and the backward bound of

@@ -108,7 +108,7 @@ class Drive:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
 
         Returns:
-            Targets, shape (K, S + 2 N); of variations with the same times (M, K, S + 2 N).
+            Targets, shape (K, S + 2 N); for variations with the same times (M, K, S + 2 N).
         """
         return self._interpolate(self.targets, times_ns)
 
@@ -119,7 +119,7 @@ class Drive:
             times_ns: shape (K,), int64, >= 0 and increasing [ns].
 
         Returns:
-            Command rows, shape (K, C); of variations with the same times (M, K, C).
+            Command rows, shape (K, C); for variations with the same times (M, K, C).
         """
         return self._interpolate(self.rows, times_ns)
 

@@ -25,7 +25,7 @@ def name_every_spring(body: Body) -> tuple[str, ...]:
         body: the body.
 
     Returns:
-        One name per spring: "link_0", or "trunk/element_7" inside a segment; of a body that turns, then one per joint.
+        One name per spring: "link_0", or "trunk/element_7" inside a segment; for a body that turns, then one per joint.
     """
     if body.turning is not None:
         return tuple(name_joints(body))

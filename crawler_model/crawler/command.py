@@ -87,7 +87,7 @@ def _read_lengths(columns: Columns, actuation: ArrayLike) -> np.ndarray | None:
 
 
 def _check_by_direction(scene: Plan, friction: np.ndarray) -> None:
-    """Check friction that depends on the direction, shape (N, m), of a body that turns (N, 4)."""
+    """Check friction that depends on the direction, shape (N, m), for a body that turns (N, 4)."""
     if scene.body.turning is not None:
         check_sides(friction, "forward", CommandError)
         return

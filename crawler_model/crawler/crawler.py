@@ -308,9 +308,9 @@ class Crawler:
 
         Args:
             actuation: L of each link [m], then strain of each segment [1], shape (links + segments,); in the plane
-                shape (links, 2), of a body that turns of each link, then of each joint [rad], shape (links + joints,).
+                shape (links, 2), for a body that turns of each link, then of each joint [rad], shape (links + joints,).
             forward: mu_plus of each isolated contact [N], then of each segment [N/m]; None leaves it unchanged. In
-                the plane the friction of each contact, of a body that turns forward, backward, left and right of each.
+                the plane the friction of each contact, for a body that turns forward, backward, left and right of each.
             backward: mu_minus, of the same shape; not in the plane.
             loads: f of each isolated contact [N], then of each segment [N/m], towards +x positive, in the plane shape
                 (N, 2); None leaves it unchanged. Only for scenes with loads.

@@ -49,7 +49,7 @@ class Readout:
             crawler: the crawler.
             seconds: duration of its last command [s]; infinite before the first command.
             of_joints: output: displacement of the root and elongations [m]; their velocities [m/s]; force of the
-                ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J). Of a body that turns
+                ground on the root and tensions [N]; shape (3, 1 + J), in the plane (3, 2 + 2 J). For a body that turns
                 two entries for the root, the angle of the first link [rad], elongations of links, angles of joints,
                 and the other angles of its `TurningTree`; the effort of angles is a torque [N m].
             of_contacts: output: positions [m], velocities [m/s] and forces of the ground [N], shape (3, M), in the

@@ -13,13 +13,13 @@ _MOST_NAMED, _MOST_WAITING = 5, 100
 
 
 class YieldTimes:
-    """Adds up simulated time by link; of a segment, its elements on average count. A tick counts as at its end."""
+    """Adds up simulated time by link; for a segment, its elements on average count. A tick counts as at its end."""
 
     def __init__(self, body: Body) -> None:
         """Start at zero.
 
         Args:
-            body: the body; of one without limits of tension there is nothing to count.
+            body: the body; for one without limits of tension there is nothing to count.
         """
         self._body, self._limits = body, body.joint_limits
         names = name_joints(body)

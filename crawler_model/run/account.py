@@ -38,7 +38,7 @@ class Energy:
         dissipation: energy lost to friction [J].
         stored: change of the energy stored in the springs from start to end [J].
         residual: error of the balance [J].
-        peak: largest amount of energy stored during the run; of a bent spring it may be negative [J].
+        peak: largest amount of energy stored during the run; for a bent spring it may be negative [J].
         loads_work: work of the loads [J].
         jump_loss: energy lost in jumps on patches of ground, not to friction [J].
         internal_dissipation: energy lost in springs with hysteresis [J].

@@ -43,7 +43,7 @@ class LimitCycle:
     """The periodic regime of a drive.
 
     Attributes:
-        gain: y gained in the last period [m]; in the plane shape (2,); of a body that turns dx, dy [m] and dyaw [rad]
+        gain: y gained in the last period [m]; in the plane shape (2,); for a body that turns dx, dy [m] and dyaw [rad]
             in its frame, as in `Trajectory.per_period`, shape (3,).
         work: work of the actuators in the last period [J].
         transient_left: estimate of how far `gain` is from the periodic regime's [m]: where the tensions repeat,
@@ -53,7 +53,7 @@ class LimitCycle:
         ratio: by which the difference of the tensions shrank in each of the last periods, at worst [1]; 0 where they
             repeat.
         periods: number of periods run.
-        gains: y gained in each period, shape (periods,), in the plane (periods, 2), of a body that turns (periods, 3)
+        gains: y gained in each period, shape (periods,), in the plane (periods, 2), for a body that turns (periods, 3)
             [m, rad].
     """
 
@@ -98,7 +98,7 @@ def limit_cycle(
 
     Args:
         scene: a scene whose drive has a period.
-        tolerance: of the gain, relative to the largest displacement within a period [1]; of a body that turns at least
+        tolerance: of the gain, relative to the largest displacement within a period [1]; for a body that turns at least
             the tolerance of its scene, within which its periods differ.
         most_periods: number of periods to run at most.
         progress: called with the completed part of these, in [0, 1].

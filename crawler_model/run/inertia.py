@@ -43,7 +43,7 @@ class Inertia:
         number: r, the largest of |dv| sqrt(K m) / (F + B) over contacts and events [1].
         time: when that contact starts, stops or changes its velocity [s]; None where nothing moves.
         contact: the contact, counted along the body; None where nothing moves.
-        period_for_1_percent: period from which on the deviation stays below 1 % [s]; of a drive without a period its
+        period_for_1_percent: period from which on the deviation stays below 1 % [s]; for a drive without a period its
             duration, None without a drive.
     """
 
@@ -126,7 +126,7 @@ def stiffness_at_contacts(body: Body) -> np.ndarray:
         body: the body.
 
     Returns:
-        K, shape (N,) [N/m]; of a body that turns an upper bound.
+        K, shape (N,) [N/m]; for a body that turns an upper bound.
     """
     held = np.bincount(body.ends.ravel(), np.repeat(body.stiffness, 2), body.contacts)
     if body.turning is not None and body.turning.joints.size:

@@ -102,7 +102,7 @@ def places_in_frame(crawler: Crawler) -> np.ndarray:
     """Compute the positions of the points in the frame of a body that turns; under loads only about its origin.
 
     Args:
-        crawler: of a body that turns.
+        crawler: one whose body turns.
 
     Returns:
         Shape (N, 2) [m].
@@ -119,7 +119,7 @@ def follow_turning(
     """Follow ramps one after another: only the state after each tells how often the body turned round.
 
     Args:
-        crawler: of a body that turns.
+        crawler: one whose body turns.
         targets: rows as for `Crawler.follow`, at least one, shape (V, F).
         records: output, as for `Crawler.follow`.
         ends: times at which the ramps end, shape (V,) [s].

@@ -33,7 +33,7 @@ class TimedJump:
         time: simulated time [s].
         contact: the contact, counted along the body.
         border: position of the border on the track [m]; None for a body that loses its stability.
-        distance: from the border to where the contact came to rest or to the next border, towards +x positive; of a
+        distance: from the border to where the contact came to rest or to the next border, towards +x positive; for a
             body that loses its stability, how far the contact moved that moved farthest [m].
         loss: energy lost in addition to friction, >= 0 [J].
     """
@@ -62,7 +62,7 @@ class Trajectory(Tabular):
         waypoint_displacement: x at these times of the isolated contacts, then of both ends of each segment, shape
             (W, stations), in the plane (W, N, 2) [m].
         waypoint_net_translation: y at these times, shape (W,), in the plane (W, 2) [m].
-        per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m]; of a body that turns dx and dy
+        per_period: y gained in each whole period, shape (P,), in the plane (P, 2) [m]; for a body that turns dx and dy
             [m] in its frame at the start of the period and the angle dyaw [rad] by which it turned, shape (P, 3). The
             origin of that frame lies in the middle of the heading, whose direction is its x axis.
         yaw: angle of the heading at the times of `time`, whole turns counted, shape (T,) [rad]; 0 for bodies that do
@@ -73,7 +73,7 @@ class Trajectory(Tabular):
         jumps: contacts that crossed a border onto ground that holds less, or where a body that turns lost its
             stability, in order; `Step.jumps` with times.
         wall_push: what contacts at walls push, at the start and at each waypoint, in order.
-        stability_margin: of a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None,
+        stability_margin: for a body that turns, the least of `Crawler.stability_margin` along the run [1]; else None,
             and where no command changed.
         stability_time: end of the ramp on which it was least [s]; None where `stability_margin` is.
         violation: largest amount by which a spring force exceeds its bound [N].

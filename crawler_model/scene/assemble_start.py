@@ -78,7 +78,7 @@ def relax_loaded(assembly: Assembly) -> Assembly:
         assembly: the assembly of a scene with `start: relaxed`.
 
     Returns:
-        The assembly with that start, or itself if no contact needs springs, or in the plane. Of variations, those that
+        The assembly with that start, or itself if no contact needs springs, or in the plane. For variations, those that
         need it get another start.
     """
     body = assembly.body

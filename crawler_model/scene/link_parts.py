@@ -142,7 +142,7 @@ PassiveKey = Annotated[
 BacklashKey = Annotated[
     Number,
     key(
-        "Slack between the command and the actuator, in all; of segments a strain. Behind a reversal the command "
+        "Slack between the command and the actuator, in all; for segments a strain. Behind a reversal the command "
         "crosses it before the actuator moves.",
         "m, 1",
         default=0.0,

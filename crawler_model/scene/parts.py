@@ -133,7 +133,7 @@ class WavePart(Part):
     """A sampled, travelling sine wave."""
 
     amplitude: Number = key(
-        "Amplitude of the lengths of links (m) and of the strain of segments; of a `friction_wave` in N, along "
+        "Amplitude of the lengths of links (m) and of the strain of segments; for a `friction_wave` in N, along "
         "segments in N/m.",
         "m, 1; N, N/m",
     )
@@ -141,7 +141,7 @@ class WavePart(Part):
         "Wavelength in the reference shape, not 0; positive for a wave towards +x, negative for one towards -x.", "m"
     )
     period: Number = key("Period of the wave.", "s", exclusiveMinimum=0)
-    mean: Number = key("Mean value; of a `friction_wave` at least the amplitude.", "m, 1; N, N/m", default=0.0)
+    mean: Number = key("Mean value; for a `friction_wave` at least the amplitude.", "m, 1; N, N/m", default=0.0)
     samples: int = key("Waypoints per period, with linear interpolation.", default=64, minimum=3, maximum=1_000_000)
 
     @model_validator(mode="after")

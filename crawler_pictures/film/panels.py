@@ -181,7 +181,7 @@ class LinePanel:
         ]
         title = "contacts: grey stick, green slip forward, red slip back" + explain_yields(film, len(self._joints))
         left_out = f"; {chosen.size} of {len(film.names)} contacts are drawn" if chosen.size < len(film.names) else ""
-        left_out += "; of segments the ends are drawn" if len(film.names) < film.scene.body.contacts else ""
+        left_out += "; for segments the ends are drawn" if len(film.names) < film.scene.body.contacts else ""
         axes.set_title(title + left_out, loc="left", fontsize=10)
 
     def _draw_ground(self, film: Film, top: float) -> list[Artist]:

@@ -22,7 +22,7 @@ _MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3
 
 
 def list_files(folder: Path) -> list[Path]:
-    """List the files of recordings in a folder, by name; of one that is there compressed and not, the latter.
+    """List the files of recordings in a folder, by name; for one that is there compressed and not, the latter.
 
     Args:
         folder: the folder.

@@ -161,7 +161,7 @@ def _sorted(block: Block, ranks: np.ndarray) -> Block:
 
 
 def _stamps(block: Block) -> np.ndarray:
-    """Read the stamps with which most messages begin, shape (K,) [s and ns in turn]; of short messages 0."""
+    """Read the stamps with which most messages begin, shape (K,) [s and ns in turn]; for short messages 0."""
     stamps = np.zeros(block.size.size, np.uint64)
     long = np.flatnonzero(block.size >= 12)
     words = block.data[block.first[long][:, None] + np.arange(4, 12)].copy().view("<u4").astype(np.uint64)

@@ -28,7 +28,7 @@ class Margins:
         visited: how near all contacts came to sliding at once [1], 0 when all did; None when nothing was commanded.
         unique: whether the translation was determined throughout.
         ambiguous: the first hundred intervals in which it was not, (start, end) [s].
-        stability_margin: of a body that turns, the least of `Crawler.stability_margin` [1]; None if nothing moved, and
+        stability_margin: for a body that turns, the least of `Crawler.stability_margin` [1]; None if nothing moved, and
             for other bodies.
         stability_time: end of the ramp on which it was least [s]; None where `stability_margin` is.
     """

@@ -55,7 +55,7 @@ class Piece:
         origin: displacement of the origin of its frame, between the points of the heading, shape (R, 2) [m]; None as
             for `yaw`.
 
-    Of a body that turns, elongation and tension have shape (R, S + J): of links, then angles of joints [rad] and their
+    For a body that turns, elongation and tension have shape (R, S + J): of links, then angles of joints [rad] and their
     torques [N m].
     """
 
@@ -117,7 +117,7 @@ class RampTable:
         self.net_translation = np.zeros((0, 1))
         """Shape (R, d) [m]."""
         self.origin = np.zeros((0, 1))
-        """As `net_translation`; of bodies that turn, the translation of the origin of their frame, shape (R, d) [m]."""
+        """As `net_translation`; for bodies that turn, translation of the origin of their frame, shape (R, d) [m]."""
         self.yaw = self.stability = np.zeros(0)
         """Yaw at the end of each ramp, and least stability margin, shape (R,) [rad, 1]; NaN where it is not known."""
         self.place = self.shape = np.zeros((0, 2))
@@ -157,7 +157,7 @@ class RampTable:
 
     @property
     def turns(self) -> bool:
-        """Whether the yaw is known: of bodies that turn."""
+        """Whether the yaw is known: for bodies that turn."""
         return bool(np.isfinite(self.yaw).any())
 
     @property

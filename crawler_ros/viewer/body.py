@@ -31,7 +31,7 @@ from .style import (
 )
 
 MOST_CONTACTS = 400
-"""Contacts that are drawn; of larger bodies evenly spaced ones."""
+"""Contacts that are drawn; for larger bodies evenly spaced ones."""
 _YIELDS = {-1: "thin grey slack", 1: "thick magenta stalled", 2: "thick violet yielding"}
 _MOST_WAYPOINTS = 32
 _PAGE = 1.6  # distance that the body walks before the page turns, in body lengths

@@ -34,7 +34,7 @@ class Frame:
     """One instant to draw, of the stations and joints of a body (see `crawler_model.body.body.Body`).
 
     Shapes: displacement, in the plane x and y in turn, and state of each station, 1, 0 or -1 since the frame before;
-    tension of each link and segment, of vector springs in the plane its size; bounds of the spring forces on each
+    tension of each link and segment, for vector springs in the plane its size; bounds of the spring forces on each
     station where a chain has no segments: friction of the ground there, shifted by the loads; command row in force;
     jumps since the frame before; of each joint, if any has a limit of tension: -1 slack, 1 stalled, else 0.
     """
@@ -166,7 +166,7 @@ def frame_of_tick(
         time_ns: simulated time [ns].
         displacement: of each station, shape (Q,), in the plane (Q, 2) [m].
         elongation: of each joint, shape (J,) [m]; used where joints can be marked.
-        tension: of each joint, shape (J,), in the plane (J, 2), of a body that turns torques too [N].
+        tension: of each joint, shape (J,), in the plane (J, 2), for a body that turns torques too [N].
         state: motion of each station since the frame before.
         row: the command row in force.
         jumps: the jumps since the frame before.
@@ -187,7 +187,7 @@ def frame_of_tick(
 
 
 def _sizes(body: Body, tension: np.ndarray) -> np.ndarray:
-    """Return the tension of each joint, of vector springs in the plane its size; of a body that turns of each link."""
+    """Return the tension of each joint, for vector springs its size; for a body that turns of each link."""
     if body.turning is not None:
         return tension[: body.springs]
     return tension if body.dimension == 1 else np.linalg.norm(tension.reshape(-1, 2), axis=1)

@@ -84,7 +84,7 @@ def line_radius(radius: float, length: float) -> float:
         length: of the body, about a quarter of the view [m].
 
     Returns:
-        The same; of a small body it is in points, which rerun takes negative.
+        The same; for a small body it is in points, which rerun takes negative.
     """
     return radius if 4.0 * length >= _SMALLEST else -400.0 * radius / length
 

@@ -93,7 +93,7 @@ class Refusal:
 
 
 def read_refusals(entries: Mapping[str, str]) -> tuple[Refusal, ...]:
-    """Read the refusals for each reason; of recordings that hold no reasons, the counts of each topic.
+    """Read the refusals for each reason; for recordings that hold no reasons, the counts of each topic.
 
     Args:
         entries: key-value pairs of the commands' part.

@@ -42,7 +42,7 @@ def joint_state_names(body: Body) -> list[str]:
         body: the body.
 
     Returns:
-        The root, then the joints; in the plane x and y of each. Of a body that turns x, y and yaw of the root, links,
+        The root, then the joints; in the plane x and y of each. For a body that turns x, y and yaw of the root, links,
         joints, and the angles that no joint has.
     """
     if body.turning is not None:
@@ -71,9 +71,8 @@ def find_command(scene: Plan, joints: np.ndarray, row: np.ndarray) -> np.ndarray
         scene: the body and the columns of its commands.
         joints: positions, velocities and efforts of joint_states, shape (3, W).
         row: what the command is taken to be, shape (C,): friction and loads cannot be measured at rest, nor the lengths
-            of springs that are slack, stall or have hysteresis and the strains of segments of several stiffnesses. Of a
-            strain that varies along a segment, states show only the mean, and of the command of an actuator with
-            backlash an interval.
+            of springs that are slack, stall or have hysteresis and the strains of segments of several stiffnesses. If a
+            strain varies along a segment, states show only its mean, and with backlash only an interval of the command.
 
     Returns:
         The row, with the rest lengths that differ from it by more than rounding, shape (C,).

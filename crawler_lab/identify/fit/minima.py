@@ -14,7 +14,7 @@ from .fit import Fit, fit_from
 from .problem import Problem
 
 _HOPS, _AVERAGED = (8, 0), (8, 3)
-"""Draws of starts, and of derivatives; of large recordings fewer."""
+"""Draws of starts, and of derivatives; for large recordings fewer."""
 _FAR = (1.0, 3.0)
 """Standard deviations of the draws, in units of the posterior's."""
 _STEPS = 15

@@ -220,7 +220,7 @@ def _walk(evaluate: Evaluate, begin: Step, name: str, interval: Interval, column
 
 
 def _jump(now: tuple[float, Step], then: tuple[float, Step]) -> float:
-    """Compute by how much the gain changes along a stretch; of stretches without a change the longest counts [m]."""
+    """Compute by how much the gain changes along a stretch; for stretches without a change the longest counts [m]."""
     before, after = now[1][1], then[1][1]
     change = np.abs(after.results[:TOTALS:2] - before.results[:TOTALS:2]).max()
     return float(change + 1e-6 * before.size[0] * (then[0] / now[0] - 1.0))

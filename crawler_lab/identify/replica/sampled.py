@@ -1,6 +1,6 @@
 """Recordings of scenes without exact derivatives: the model is run, and its derivatives are differences of runs.
 
-This holds in the plane, of bodies that turn, on patches of ground, and of bodies with hysteresis or backlash.
+This holds in the plane, for bodies that turn, on patches of ground, and for bodies with hysteresis or backlash.
 """
 
 from __future__ import annotations

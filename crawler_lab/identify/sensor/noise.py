@@ -64,7 +64,7 @@ class Whitening:
 
     Attributes:
         decay: correlation of the slow part with the slow part of the row before, shape (T,); None for white noise.
-        factor: lower Cholesky factor of the covariance of the differences, banded, shape (2, T); of white noise the
+        factor: lower Cholesky factor of the covariance of the differences, banded, shape (2, T); for white noise the
             standard deviations, shape (T,).
     """
 

@@ -23,7 +23,7 @@ def predict_command(
         typer.Option(help="A scene, or a file with a part `drive`: the drive to predict; by default the scene's own."),
     ] = None,
     periods: Annotated[
-        int | None, typer.Option(help="Number of periods of the run, ten by default; of a drive with a period.", min=1)
+        int | None, typer.Option(help="Number of periods of the run, ten by default; for a drive with a period.", min=1)
     ] = None,
     rate: Annotated[
         float | None, typer.Option(help="Rate of the predicted positions, Hz; by default 400 samples in all.")

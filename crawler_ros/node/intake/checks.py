@@ -124,7 +124,7 @@ def spread_friction(columns: Columns, values: Sequence[float] | np.ndarray) -> n
     Args:
         columns: the layout of the commands.
         values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
-            backward values; of a body that turns forward, backward, left and right of each point in turn.
+            backward values; for a body that turns forward, backward, left and right of each point in turn.
 
     Returns:
         One value per column of friction [N, N/m].

@@ -117,7 +117,7 @@ class CommandQueue:
         """Accept a command for all links and segments.
 
         Args:
-            values: L of each link [m], then the strain of each segment; in the plane x and y of each link; of a body
+            values: L of each link [m], then the strain of each segment; in the plane x and y of each link; for a body
                 that turns of each link, then the change of the angle of each joint [rad].
 
         Raises:
@@ -176,7 +176,7 @@ class CommandQueue:
 
         Args:
             values: a single value, one per isolated contact [N] and then per segment [N/m], or all forward and then all
-                backward values; of a body that turns one, one per point, or forward, backward, left and right of each.
+                backward values; for a body that turns one, one per point, or forward, backward, left and right of each.
 
         Raises:
             CommandError: on a wrong length, a value that is negative, not finite or beyond its limit, or a full queue.

@@ -13,7 +13,7 @@ from crawler_model import CommandError
 
 
 def reduce_delays() -> None:
-    """Reduce the time for which a thread waits for another one of this process, and that for which it sleeps too long.
+    """Reduce how long threads of this process wait for one another, and how late they wake up.
 
     By default Python passes on its lock after five milliseconds, and Linux ends a sleep up to 50 us late.
     """

@@ -33,7 +33,7 @@ class Walk:
         source: "scene" or "recording".
         starts: when each cycle begins, shape (C,) [s].
         ends: when it ends, shape (C,) [s].
-        gains: net translation gained in each cycle, shape (C, D) [m], D = 1 on a line; of a body that turns in its own
+        gains: net translation gained in each cycle, shape (C, D) [m], D = 1 on a line; for a body that turns in its own
             frame.
         work: work of the actuators in each cycle, shape (C,); NaN where it is not known [J].
         dissipation: energy lost to friction in each cycle, shape (C,) [J].
