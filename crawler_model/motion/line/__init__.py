@@ -10,6 +10,7 @@ Args:
     ramp: the RAMP.
     ends: END, shape (2 S,).
     block: BLOCK, memory for the present block.
+    listed: the contacts around which rates change.
     runs: RUN; None for short chains and for graphs.
     curves: a `Curves`; None if all springs are linear.
     pieces: PIECE, of all curves.

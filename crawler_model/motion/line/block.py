@@ -33,11 +33,10 @@ def leave_bounds(c, ramp):
 
 
 @inlined
-def list_contact(contacts, block, i, count):
+def list_contact(contacts, listed, i, count):
     """List a contact among the contacts around which rates change, unless it is listed.
 
     Args:
-        block: BLOCK, which holds the list.
         count: how many are listed.
 
     Returns:
@@ -46,7 +45,7 @@ def list_contact(contacts, block, i, count):
     if contacts[i].listed:
         return count
     contacts[i].listed = 1
-    block[count].hit = i
+    listed[count] = i
     return count + 1
 
 

@@ -21,6 +21,7 @@ from .records import (
     CONTACT,
     COUPLING,
     COUPLING_PIECE,
+    DRAWN,
     END,
     FOOT,
     FORWARD,
@@ -131,7 +132,8 @@ def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tu
             )
     matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
     runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends and not coupled else None
-    return ends, zeros(n + 1, BLOCK), matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, build_curves(body)
+    listed, curves = np.zeros(n, np.int32), build_curves(body)
+    return ends, zeros(n + 1, BLOCK), listed, matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, curves
 
 
 def build_curves(body: Body) -> tuple[Any, ...] | None:
@@ -157,7 +159,19 @@ def build_curves(body: Body) -> tuple[Any, ...] | None:
     pieces = zeros(count, PIECE)
     for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
         pieces[name] = column
-    return bends, pieces, zeros(body.contacts, STRAY), None
+    return bends, pieces, zeros(body.contacts, STRAY), np.zeros(body.contacts, np.int32), None
+
+
+def build_falls(body: Body) -> tuple[np.ndarray, ...]:
+    """Allocate the memory in which falls are followed.
+
+    Args:
+        body: the body.
+
+    Returns:
+        The fields `drawn` and `nodes` of a `Terrain`.
+    """
+    return zeros(body.contacts, DRAWN), np.zeros(body.contacts + 1, np.int32)
 
 
 def build_couplings(body: Body, track: Track | None) -> tuple[np.ndarray, ...] | None:

@@ -38,7 +38,7 @@ def _touch_wall(contacts, springs, model, ramp, i):
     """Find the rate of the force on a wall from the rates of its springs, and its next event."""
     c = contacts[i]
     if ramp.fall.falling:
-        draw(contacts, model, model.ground, ramp, i)
+        draw(contacts, model.ground, ramp, i)
     advance(c, ramp, ramp.s)
     c.force_rate = 0.0
     for k in range(c.first, c.last):
@@ -83,7 +83,7 @@ def _set_rates(contacts, springs, model, ramp, count):
             c = contacts[e.contact]
             stops = e.v == 0.0 and c.v != 0.0 and not ramp.stepping
             if ramp.fall.falling:
-                draw(contacts, model, model.ground, ramp, e.contact)
+                draw(contacts, model.ground, ramp, e.contact)
             advance(c, ramp, s)
             c.v = e.v
             if stops:
@@ -185,7 +185,7 @@ def solve_listed(contacts, springs, model, ramp, count):
     """
     before = ramp.search.block
     for j in range(count):
-        i = model.block[j].hit
+        i = model.listed[j]
         acts = contacts[i].at != 0 or is_coupled(couplings_of(model.ground))
         solves = ramp.stepping or (acts and contacts[i].mark <= before)
         if solves and not _solve_around(contacts, springs, model, ramp, i):
@@ -201,7 +201,7 @@ def _list_blocks(contacts, model, ramp, count):
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         if c.at != 0:
-            count = list_contact(contacts, model.block, i, count)
+            count = list_contact(contacts, model.listed, i, count)
     return count
 
 
@@ -213,7 +213,7 @@ def _stop(contacts, springs, model, ramp, i, count):
         o = contacts[model.ends[k].other]
         leave_bounds(o, ramp)
         if o.at != 0:
-            count = list_contact(contacts, model.block, model.ends[k].other, count)
+            count = list_contact(contacts, model.listed, model.ends[k].other, count)
         else:
             spring = springs[model.ends[k].spring]
             draw_spring(spring, model.curves, model.ground, ramp)  # a flat one may rest until here
@@ -247,7 +247,7 @@ def _meet(contacts, springs, model, ramp):
             c.at |= c.coming
             c.v = BEGINS if c.coming == FORWARD else -BEGINS
         schedule(contacts, i, np.inf)
-        count = list_contact(contacts, model.block, i, count)
+        count = list_contact(contacts, model.listed, i, count)
         i = find_earliest(contacts)
         if passes_singly(model.curves, ramp):
             break
@@ -260,7 +260,7 @@ def _meet(contacts, springs, model, ramp):
 def _touch_stopped(contacts, springs, model, ramp, count):
     """Find the next events of the listed contacts that have stopped, and of their neighbours at rest."""
     for j in range(count):
-        i = model.block[j].hit
+        i = model.listed[j]
         contacts[i].listed = 0
         if contacts[i].at == 0:
             for k in range(contacts[i].first, contacts[i].last):
@@ -296,7 +296,7 @@ def _give_up(contacts, springs, model, ramp, count):
     if ramp.fall.falling:
         count = end_fall(contacts, springs, model, model.ground, ramp, count)
     for j in range(count):
-        contacts[model.block[j].hit].listed = 0
+        contacts[model.listed[j]].listed = 0
 
 
 @lean
@@ -333,7 +333,7 @@ def _solve_blocks(contacts, springs, model, ramp, count):
 def _sample(contacts, springs, model, curves, ramp):
     """Update the visited margin by all parts at s."""
     begin_parts(contacts, springs, model, curves, ramp)
-    while next_part(model.block, curves, ramp, contacts.shape[0]):
+    while next_part(curves, ramp, contacts.shape[0]):
         sample_margin(contacts, springs, model, curves, ramp)
 
 
@@ -427,7 +427,7 @@ def follow_events(contacts, springs, model, ramp):
             note_all(model.pieces, contacts, ramp)
         if not s < ramp.end:
             _advance_ramp(contacts, springs, model, ground, model.curves, ramp, ramp.end)
-            if find_due_at_end(contacts, model.block, ground, ramp):
+            if find_due_at_end(contacts, ground, ramp):
                 continue
             if not ramp.fall.falling:
                 return DONE

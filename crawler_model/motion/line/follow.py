@@ -308,8 +308,9 @@ def _build_terrain(ground):
     """Name the parts of the ground; None without patches."""
     if ground is None:
         return None
-    couplings = _build_couplings(ground[8], ground[0])
-    return Terrain(ground[0], ground[1], ground[2], ground[3], ground[4], ground[5], ground[6], ground[7], couplings)
+    feet, jumps, drawn, nodes, borders, grip, pressed, rise, walls, profile, couplings = ground
+    couplings = _build_couplings(couplings, feet)
+    return Terrain(feet, jumps, drawn, nodes, borders, grip, pressed, rise, walls, profile, couplings)
 
 
 @lean
@@ -325,7 +326,8 @@ def _build_curves(curves):
     """Name the parts of the curves; None without bent springs."""
     if curves is None:
         return None
-    return Curves(curves[0], curves[1], curves[2], curves[3])
+    bends, pieces, strays, members, sliders = curves
+    return Curves(bends, pieces, strays, members, sliders)
 
 
 @lean
@@ -352,8 +354,9 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     Returns:
         0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped.
     """
-    ground, curves = _build_terrain(memory[5]), _build_curves(memory[7])
-    model = Model(memory[0], memory[1], memory[2], memory[3], memory[4], ground, memory[6], curves)
+    ends, block, listed, matrix, breaks, pieces, ground, runs, curves = memory
+    ground, curves = _build_terrain(ground), _build_curves(curves)
+    model = Model(ends, block, listed, matrix, breaks, pieces, ground, runs, curves)
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.fall.jumps = ramp.fall.runaway = ramp.search.block = 0

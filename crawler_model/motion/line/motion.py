@@ -31,6 +31,7 @@ class Scratch(NamedTuple):
         memory: the fields of a `Model`.
         budget: its field, shape (1,); to look a field up takes as long as a short ramp.
         exact: likewise.
+        falls: the fields of a `Terrain` that falls need; none on ground that is the same everywhere.
         couplings: the fields of `Couplings`; None without any.
     """
 
@@ -38,7 +39,8 @@ class Scratch(NamedTuple):
     memory: tuple[Any, ...]
     budget: np.ndarray
     exact: np.ndarray
-    couplings: tuple[np.ndarray, ...] | None = None
+    falls: tuple[np.ndarray, ...]
+    couplings: tuple[np.ndarray, ...] | None
 
 
 @dataclass(eq=False)
@@ -233,7 +235,8 @@ class LineMotion:
         couplings = build.build_couplings(self.body, self.track)
         gradual = self.track is not None and self.track.profile is not None
         memory = build.build_memory(self.body, gradual, couplings is not None)
-        return Scratch(ramps, memory, ramps["budget"], ramps["exact"], couplings)
+        falls = () if self.track is None else build.build_falls(self.body)
+        return Scratch(ramps, memory, ramps["budget"], ramps["exact"], falls, couplings)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
         """Find the fields of a `Model` for a state: the memory's fields, and the sliders of the state.
@@ -246,7 +249,7 @@ class LineMotion:
             The fields.
         """
         parts = scratch.memory
-        return parts if state.sliders is None else (*parts[:7], (*parts[7][:3], state.sliders))
+        return parts if state.sliders is None else (*parts[:8], (*parts[8][:4], state.sliders))
 
     def follow(
         self,
@@ -297,9 +300,10 @@ class LineMotion:
         ramps, parts = scratch.ramps, self.memory_for(state, scratch)
         scratch.budget[0], scratch.exact[0] = budget, exact
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
-        runs = parts[6] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
-        memory = parts if pieces is NO_PIECES else (*parts[:4], pieces, None, runs, parts[7])
-        track, room = self.track, 0
+        memory, track, room = parts, self.track, 0
+        if pieces is not NO_PIECES:
+            runs = parts[7] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
+            memory = (*parts[:5], pieces, None, runs, parts[8])
         kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
         while True:
             if track is not None:
@@ -307,8 +311,8 @@ class LineMotion:
                 jumps = zeros(room, JUMP)
                 walls = None if track.walls is None else track.walls.place
                 places = track.borders, track.grip, track.pressed, track.rise
-                ground = state.feet, jumps, *places, walls, track.profile, scratch.couplings
-                memory = (*parts[:5], ground, None, parts[7])
+                ground = state.feet, jumps, *scratch.falls, *places, walls, track.profile, scratch.couplings
+                memory = (*parts[:6], ground, None, parts[8])
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):
                 return ()

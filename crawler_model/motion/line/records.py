@@ -54,6 +54,7 @@ CONTACT = np.dtype(
         ("pull", _FLOAT),  # rate of the force if no contact moves [N]
         ("share", _FLOAT),  # weight in the net translation
         ("next", _FLOAT),  # place of its next event on the ramp; infinite without one
+        ("kept", _FLOAT),  # velocity in the last part of an implicit step that has been solved [m]
         ("winner", _INT),  # contact with the earliest event below node i of the tournament
         ("first", _INT),  # its ends of springs are first .. last - 1
         ("last", _INT),
@@ -202,16 +203,19 @@ BLOCK = np.dtype(
         ("rough", _FLOAT),  # velocity before its correction [m]
         ("before", _FLOAT),  # velocity along the chord, see `ground.turns` [m]
         ("reach", _INT),  # number of the following rows that it shares springs with, as elimination proceeds
-        # memory
-        ("member", _INT),  # contacts, part by part, see `parts`
-        ("part", _INT),  # of contact i: number of its part, in the list of all the place of its first contact
-        ("hit", _INT),  # contacts around which rates change
-        ("drawn", _INT),  # contacts that take part in the present fall
-        ("held", _FLOAT),  # sum of the bounds of such a contact before it [N]
-        ("kept", _FLOAT),  # velocity of contact i in the last part of an implicit step that has been solved [m]
     ],
     align=True,
 )
+"""A row of the present block: one contact, or a sleeping run of contacts."""
+
+DRAWN = np.dtype(
+    [
+        ("contact", _INT),
+        ("held", _FLOAT),  # sum of its bounds before the fall [N]
+    ],
+    align=True,
+)
+"""A contact that takes part in the present fall."""
 
 BREAK = np.dtype([("at", _FLOAT), ("slope", _FLOAT), ("jump", _FLOAT)], align=True)
 """A breakpoint of `project`: the slope on the side that is further from the zero, and the jump at it."""
@@ -400,6 +404,10 @@ class Terrain(NamedTuple):
     """FOOT, shape (N,)."""
     jumps: np.ndarray
     """JUMP, output, shape (J,); further ones are counted only."""
+    drawn: np.ndarray
+    """DRAWN, the contacts that take part in the present fall, memory, shape (N,)."""
+    nodes: np.ndarray
+    """Nodes of the tournament that are still to be descended to, memory, shape (N + 1,)."""
     borders: np.ndarray
     grip: np.ndarray
     pressed: np.ndarray
@@ -420,6 +428,8 @@ class Model(NamedTuple):
     """END, two of each spring, contact by contact, shape (2 S,)."""
     block: np.ndarray
     """BLOCK, memory, shape (N + 1,)."""
+    listed: np.ndarray
+    """The contacts around which rates change, memory, shape (N,)."""
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
     blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need. On

@@ -38,7 +38,7 @@ def _solve_step(contacts, springs, model, curves, ramp):
     n = contacts.shape[0]
     ramp.search.undetermined = 0
     if curves is None:
-        model.block[0].hit = n - 1
+        model.listed[0] = n - 1
         if not solve_listed(contacts, springs, model, ramp, 1):
             return False
         _keep_step(contacts, springs, model, n)
@@ -57,8 +57,8 @@ def _solve_parts(contacts, springs, model, curves, ramp):
     """Solve an implicit step for each part of the body in turn; returns False if one has no solution."""
     begin_parts(contacts, springs, model, curves, ramp)
     ramp.search.loose = ramp.search.undetermined = 0
-    while next_part(model.block, curves, ramp, contacts.shape[0]):
-        model.block[0].hit = model.block[ramp.first].member
+    while next_part(curves, ramp, contacts.shape[0]):
+        model.listed[0] = curves.members[ramp.first]
         if not solve_listed(contacts, springs, model, ramp, 1):
             return False
         _keep_step(contacts, springs, model, ramp.search.rows)
@@ -82,7 +82,7 @@ def take_step(contacts, springs, model, ramp):
     solved, step, divided = 0.0, 1.0, False
     most = ramp.effort + max(ramp.budget, _LEAST_EFFORT * contacts.shape[0])
     ramp.stepping = 1
-    keep_part(contacts, model, model.curves, solved)
+    keep_part(contacts, model.curves, solved)
     while solved < 1.0:
         ramp.part = min(solved + step, 1.0)
         ramp.search.hurries = step > _SMALLEST_PART
@@ -91,7 +91,7 @@ def take_step(contacts, springs, model, ramp):
                 divided = False
             else:
                 solved, step = ramp.part, 2.0 * step
-                keep_part(contacts, model, model.curves, solved)
+                keep_part(contacts, model.curves, solved)
         elif ramp.search.hurries and ramp.effort <= most:
             step, divided = 0.5 * step, True
             return_to_part(contacts, springs, model, model.curves, ramp)

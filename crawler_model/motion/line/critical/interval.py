@@ -28,11 +28,10 @@ def begin_interval(curves, ramp):
 
 
 @lean
-def let_stray(block, curves, ramp, slower, faster):
+def let_stray(curves, ramp, slower, faster):
     """Note what other translations of the present part would change its velocity by, in the present stretch.
 
     Args:
-        block: BLOCK, which holds the list of parts.
         slower: change by the slowest translation that friction admits, < 0 [m].
         faster: change by the fastest one, > 0 [m].
     """
@@ -40,7 +39,7 @@ def let_stray(block, curves, ramp, slower, faster):
         return
     ramp.strays = 1
     for r in range(ramp.first, ramp.last):
-        stray = curves.strays[member(block, curves, r)]
+        stray = curves.strays[member(curves, r)]
         stray.slower, stray.faster = slower, faster
 
 

@@ -72,7 +72,7 @@ def is_near(contacts, springs, model, curves, ramp, when, limit):
     for j in range(last - first):
         r = ramp.witness + j
         r = r if r < last else r - (last - first)
-        near += _distance(contacts, springs, model, ramp, member(model.block, curves, r), when, limit)
+        near += _distance(contacts, springs, model, ramp, member(curves, r), when, limit)
         if near > limit:
             ramp.witness = r
             return False
@@ -85,7 +85,7 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
     balance = 0.0
     first, last = present_part(contacts, curves, ramp)
     for r in range(first, last):
-        i = member(model.block, curves, r)
+        i = member(curves, r)
         c = contacts[i]
         s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
         side = c.side if c.at != 0 else 0
@@ -108,7 +108,7 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
     free = 0
     first, last = present_part(contacts, curves, ramp)
     for r in range(first, last):
-        i = member(model.block, curves, r)
+        i = member(curves, r)
         c = contacts[i]
         s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
         total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
@@ -137,7 +137,7 @@ def find_margin(contacts, springs, model, curves, ramp, when):
     """
     begin_parts(contacts, springs, model, curves, ramp)
     margin = np.inf
-    while next_part(model.block, curves, ramp, contacts.shape[0]):
+    while next_part(curves, ramp, contacts.shape[0]):
         margin = min(margin, _margin_of_part(contacts, springs, model, curves, ramp, when))
     return margin
 
@@ -166,11 +166,11 @@ def find_near_part(contacts, springs, model, curves, ramp, i):
     Returns:
         Whether the whole part is listed, so that it may be critical; it is then the present one.
     """
-    begin_alone(model.block, ramp, i)
+    begin_alone(curves, ramp, i)
     when, limit = _find_limit(ramp, _LATER)
     read = 0
     while read < ramp.last:
-        near = model.block[read].member
+        near = curves.members[read]
         if _distance(contacts, springs, model, ramp, near, when, limit) > limit:
             return False
         read += 1

@@ -22,26 +22,26 @@ from .margin import find_near_part, is_critical, is_near, sample_margin
 
 
 @inlined
-def _is_free(contacts, block, curves, ramp):
+def _is_free(contacts, curves, ramp):
     """Determine whether all contacts of the present part slide, and nothing was found to determine its translation."""
     if not ramp.search.undetermined:
         return False
     if curves is None:  # the part is the body
         return True
     for r in range(ramp.first, ramp.last):
-        c = contacts[member(block, curves, r)]
+        c = contacts[member(curves, r)]
         if c.at == 0 or c.side == 0:
             return False
     return True
 
 
 @lean
-def _slope(contacts, block, curves, ramp, middle, translation):
+def _slope(contacts, curves, ramp, middle, translation):
     """Compute the slope of the dissipation just above a translation, with the friction at `middle` [N]."""
     slope = 0.0
     first, last = present_part(contacts, curves, ramp)
     for r in range(first, last):
-        c = contacts[member(block, curves, r)]
+        c = contacts[member(curves, r)]
         if -c.v <= translation:
             slope += c.forward + middle * c.d_forward
         else:
@@ -50,31 +50,31 @@ def _slope(contacts, block, curves, ramp, middle, translation):
 
 
 @lean
-def _find_quantile(contacts, block, curves, ramp, middle, level):
+def _find_quantile(contacts, curves, ramp, middle, level):
     """Find the least translation above which the slope of the dissipation is above a level.
 
     Candidates are the translations that bring one contact to rest; each trial removes all on one side of it.
     """
     low, high = -np.inf, np.inf
     first, last = present_part(contacts, curves, ramp)
-    slope = _slope(contacts, block, curves, ramp, middle, -np.inf)
+    slope = _slope(contacts, curves, ramp, middle, -np.inf)
     if slope > level:
         return -np.inf
     while True:
         inside = 0
         for r in range(first, last):
-            inside += low < -contacts[member(block, curves, r)].v < high
+            inside += low < -contacts[member(curves, r)].v < high
         if inside == 0:
             return high
         rank, trial = inside // 2, 0.0
         for r in range(first, last):
-            v = contacts[member(block, curves, r)].v
+            v = contacts[member(curves, r)].v
             if low < -v < high:
                 trial = -v
                 rank -= 1
                 if rank < 0:
                     break
-        slope = _slope(contacts, block, curves, ramp, middle, trial)
+        slope = _slope(contacts, curves, ramp, middle, trial)
         if slope > level:
             high = trial
         else:
@@ -82,13 +82,13 @@ def _find_quantile(contacts, block, curves, ramp, middle, level):
 
 
 @lean
-def _is_held_inside(contacts, springs, block, curves, ramp, middle, translation):
+def _is_held_inside(contacts, springs, curves, ramp, middle, translation):
     """Determine whether an element of a segment has friction, and ends that slide in opposite directions.
 
     A point between them that rests has friction on both sides of it, so friction in one direction is enough.
     """
     for j in range(springs.shape[0]):
-        if not springs[j].element or not _is_within(springs[j], block, curves, ramp):
+        if not springs[j].element or not _is_within(springs[j], curves, ramp):
             continue
         a, b = contacts[springs[j].a], contacts[springs[j].b]
         held = a.forward + a.backward + middle * (a.d_forward + a.d_backward) > 0.0
@@ -99,15 +99,15 @@ def _is_held_inside(contacts, springs, block, curves, ramp, middle, translation)
 
 
 @inlined
-def _is_within(spring, block, curves, ramp):
+def _is_within(spring, curves, ramp):
     """Determine whether both ends of a spring are in the present part."""
     if curves is None:
         return True
-    return block[spring.a].part == ramp.present and block[spring.b].part == ramp.present
+    return curves.strays[spring.a].part == ramp.present and curves.strays[spring.b].part == ramp.present
 
 
 @lean
-def _limit(contacts, springs, block, curves, ramp, ds):
+def _limit(contacts, springs, curves, ramp, ds):
     """Find the translations of the present part at which the flat springs at its ends stay flat for a while.
 
     If `ds` is 0, springs that are at knots must not pass them; others do not count.
@@ -117,7 +117,7 @@ def _limit(contacts, springs, block, curves, ramp, ds):
         return least, most
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, ramp.present)
+        side = side_of(spring, curves, ramp.present)
         if side == 0:
             continue
         bend = curves.bends[spring.bend]
@@ -167,11 +167,10 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
     between them determines the translation. The middle is then chosen, and the translation counts as unique.
     """
     net = size = total = pull = weight = 0.0
-    block = model.block
     first, last = present_part(contacts, curves, ramp)
     middle = 1.0 if ramp.stepping and curves is not None else 0.5 * (s + until)  # flat springs balance it at the end
     for r in range(first, last):
-        i = member(block, curves, r)
+        i = member(curves, r)
         c = contacts[i]
         net += c.share * c.v
         weight += c.share
@@ -182,27 +181,27 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
     if curves is not None:
         total = max(total, ramp.friction)  # a part without friction may balance flat springs but for rounding
     below = np.nextafter(pull - CRITICAL * total, -np.inf)
-    least = _find_quantile(contacts, block, curves, ramp, middle, below)
-    most = _find_quantile(contacts, block, curves, ramp, middle, pull + CRITICAL * total)
+    least = _find_quantile(contacts, curves, ramp, middle, below)
+    most = _find_quantile(contacts, curves, ramp, middle, pull + CRITICAL * total)
     # flat springs at the ends of the part must stay flat
     slower, faster = least, most  # what friction admits
     if not ramp.stepping:
-        low, high = _limit(contacts, springs, block, curves, ramp, 0.0)
+        low, high = _limit(contacts, springs, curves, ramp, 0.0)
         least, most = min(max(least, low), most), max(min(most, high), least)
     slowest, fastest = least, most  # what is admissible for a while; what is chosen lasts until the stretch ends
     if until > s:
-        low, high = _limit(contacts, springs, block, curves, ramp, until - s)
+        low, high = _limit(contacts, springs, curves, ramp, until - s)
         least, most = min(max(least, low), most), max(min(most, high), least)
     # the choice
     chosen = min(max(-net / weight if curves is not None else -net, least), most)
     center = 0.5 * (least + most)
     several = least < most and abs(center) < np.inf
-    if several and _is_held_inside(contacts, springs, block, curves, ramp, middle, center):
+    if several and _is_held_inside(contacts, springs, curves, ramp, middle, center):
         chosen = slowest = fastest = center
     # contacts go on at the bound that opposes them
     most_v = 0.0
     for r in range(first, last):
-        c = contacts[member(block, curves, r)]
+        c = contacts[member(curves, r)]
         c.v += chosen
         if abs(c.v) <= NOISE * size:
             c.v = 0.0
@@ -213,7 +212,7 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
         ramp.shifted = SEVERAL
         ramp.slower += slowest - chosen
         ramp.faster += fastest - chosen
-        let_stray(block, curves, ramp, slower - chosen, faster - chosen)
+        let_stray(curves, ramp, slower - chosen, faster - chosen)
 
 
 @lean
@@ -241,7 +240,7 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     if holds_body(contacts, model.ground, ramp):
         return
     critical = is_critical(contacts, springs, model, curves, ramp)
-    if critical or _is_free(contacts, model.block, curves, ramp):
+    if critical or _is_free(contacts, curves, ramp):
         if not ramp.shifted:
             _begin_shift(contacts, springs, model, ramp)
         _shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
@@ -252,8 +251,8 @@ def _choose_where_new(contacts, springs, model, curves, ramp, count):
     """Choose the translation of each part that is free at s and in which rates are new: others did not change."""
     known = ramp.parts
     for j in range(count):
-        i = model.block[j].hit
-        seen = known > model.block[i].part >= ramp.parts
+        i = model.listed[j]
+        seen = known > curves.strays[i].part >= ramp.parts
         if not seen and find_near_part(contacts, springs, model, curves, ramp, i):
             _choose_in_part(contacts, springs, model, curves, ramp)
 
@@ -277,7 +276,7 @@ def choose(contacts, springs, model, curves, ramp, count):
         _choose_where_new(contacts, springs, model, curves, ramp, count)
         return
     begin_parts(contacts, springs, model, curves, ramp)
-    while next_part(model.block, curves, ramp, contacts.shape[0]):
+    while next_part(curves, ramp, contacts.shape[0]):
         _choose_in_part(contacts, springs, model, curves, ramp)
 
 
@@ -288,7 +287,7 @@ def _begin_shift(contacts, springs, model, ramp):
     ramp.slower = ramp.faster = 0.0
     ramp.until = ramp.end
     wake_all(contacts, springs, model.runs, ramp)
-    draw_all(contacts, model, model.ground, ramp)
+    draw_all(contacts, model.ground, ramp)
     for i in range(contacts.shape[0]):
         leave_bounds(contacts[i], ramp)
         advance(contacts[i], ramp, ramp.s)
@@ -302,9 +301,7 @@ def choose_step(contacts, springs, model, curves, ramp):
     end = ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
-    while next_part(model.block, curves, ramp, contacts.shape[0]):
-        if _is_free(contacts, model.block, curves, ramp) or is_near(
-            contacts, springs, model, curves, ramp, 1.0, CRITICAL * end
-        ):
+    while next_part(curves, ramp, contacts.shape[0]):
+        if _is_free(contacts, curves, ramp) or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end):
             _shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
     note_interval(contacts, springs, curves, ramp, 1.0)

@@ -80,7 +80,7 @@ def find_due(contacts, block, ground, ramp, count):
 
 
 @lean
-def find_due_at_end(contacts, block, ground, ramp):
+def find_due_at_end(contacts, ground, ramp):
     """Note as `due` a contact that is at such a border at the end of the ramp or of the fall.
 
     Returns:
@@ -89,7 +89,7 @@ def find_due_at_end(contacts, block, ground, ramp):
     if ground is None:
         return False
     for j in range(ramp.fall.drawn if ramp.fall.falling else contacts.shape[0]):
-        i = block[j].drawn if ramp.fall.falling else j
+        i = ground.drawn[j].contact if ramp.fall.falling else j
         if is_due(contacts[i], ground, ramp, i):
             return True
     return False
@@ -111,7 +111,7 @@ def has_fallen(contacts, ground):
 
 
 @lean
-def draw(contacts, model, ground, ramp, i):
+def draw(contacts, ground, ramp, i):
     """Draw contact i into the present fall, if there is one: its bounds rest, and so does it until it is solved."""
     if ground is None:
         return
@@ -129,16 +129,17 @@ def draw(contacts, model, ground, ramp, i):
     c.leaving = c.side = 0
     c.since = ramp.s
     schedule(contacts, i, np.inf)
-    model.block[ramp.fall.drawn].drawn, model.block[ramp.fall.drawn].held = i, c.forward + c.backward
+    drawn = ground.drawn[ramp.fall.drawn]
+    drawn.contact, drawn.held = i, c.forward + c.backward
     ramp.fall.drawn += 1
 
 
 @lean
-def draw_all(contacts, model, ground, ramp):
+def draw_all(contacts, ground, ramp):
     """Draw all contacts into the present fall, if there is one."""
     if ground is not None and ramp.fall.falling:
         for i in range(contacts.shape[0]):
-            draw(contacts, model, ground, ramp, i)
+            draw(contacts, ground, ramp, i)
 
 
 @lean
@@ -158,7 +159,7 @@ def _let_fall(contacts, model, ground, ramp, i, count):
     advance(c, ramp, place_of(c, ramp))
     c.coming = AHEAD if c.v > 0.0 else BEHIND
     reach_border(c, ground, ramp, i)
-    return list_contact(contacts, model.block, i, count)
+    return list_contact(contacts, model.listed, i, count)
 
 
 @lean
@@ -167,43 +168,43 @@ def _let_all_fall(contacts, model, ground, ramp, count):
 
     The tournament is descended to all events that come within the rounding of positions, unless that is beyond them.
     """
-    n, block, first = contacts.shape[0], model.block, ramp.fall.due - 1
+    n, nodes, first = contacts.shape[0], ground.nodes, ramp.fall.due - 1
     until = np.inf
     if ramp.begun:
         until = ramp.s + ROUNDING / _SLOWEST * (1.0 + ramp.span / abs(contacts[first].v))
     listed = count
     count = _let_fall(contacts, model, ground, ramp, first, count)
     for j in range(listed):
-        count = _let_fall(contacts, model, ground, ramp, block[j].hit, count)
+        count = _let_fall(contacts, model, ground, ramp, model.listed[j], count)
     if ramp.fall.falling:
         for j in range(ramp.fall.drawn):
-            count = _let_fall(contacts, model, ground, ramp, block[j].drawn, count)
+            count = _let_fall(contacts, model, ground, ramp, ground.drawn[j].contact, count)
         return count
     if until > 1.0:
         for i in range(n):
             count = _let_fall(contacts, model, ground, ramp, i, count)
         return count
-    block[0].reach = 1  # nodes of the tournament to descend to
+    nodes[0] = 1
     left = 1
     while left > 0:
         left -= 1
-        node = block[left].reach
+        node = nodes[left]
         i = node - n if node >= n else contacts[node].winner
         if contacts[i].next > until:
             continue
         if node >= n:
             count = _let_fall(contacts, model, ground, ramp, i, count)
         else:
-            block[left].reach, block[left + 1].reach = 2 * node, 2 * node + 1
+            nodes[left], nodes[left + 1] = 2 * node, 2 * node + 1
             left += 2
     return count
 
 
 @lean
-def _rewind(contacts, springs, model, ramp):
+def _rewind(contacts, springs, model, ground, ramp):
     """Advance what takes part in the present fall, and let its line begin anew from there."""
     for j in range(ramp.fall.drawn):
-        c = contacts[model.block[j].drawn]
+        c = contacts[ground.drawn[j].contact]
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         for k in range(c.first, c.last):
@@ -266,29 +267,29 @@ def begin_fall(contacts, springs, model, ground, ramp, count):
     """
     if ground is None:
         return count
-    block, first = model.block, ramp.fall.due - 1
+    first = ramp.fall.due - 1
     if ramp.fall.due > 0:
         count = _let_all_fall(contacts, model, ground, ramp, count)
     ramp.fall.due = 0
     rest_couplings(ground.couplings, ramp.s)
     if ramp.fall.falling:
-        _rewind(contacts, springs, model, ramp)
+        _rewind(contacts, springs, model, ground, ramp)
         ramp.s = _BEGIN
     else:
         ramp.fall.rests, ramp.s, ramp.end = ramp.s, _BEGIN, _END
         ramp.fall.falling, ramp.fall.drawn = 1, 0
         if not ramp.begun:
-            draw_all(contacts, model, ground, ramp)
+            draw_all(contacts, ground, ramp)
             ramp.begun = 1
     for j in range(count):
-        draw(contacts, model, ground, ramp, block[j].hit)
+        draw(contacts, ground, ramp, model.listed[j])
     if first >= 0:
-        draw(contacts, model, ground, ramp, first)
+        draw(contacts, ground, ramp, first)
     for j in range(ramp.fall.drawn):
-        i = block[j].drawn
+        i = ground.drawn[j].contact
         c, foot = contacts[i], ground.feet[i]
         schedule(contacts, i, np.inf)
-        count = list_contact(contacts, model.block, i, count)
+        count = list_contact(contacts, model.listed, i, count)
         if c.fallen & FORWARD:
             _fall_to(c, foot, ground, FORWARD, ramp)
         if c.fallen & BACKWARD:
@@ -328,7 +329,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
     rest_couplings(ground.couplings, ramp.s)
     s, ramp.s, ramp.end, ramp.fall.falling = ramp.s, ramp.fall.rests, 1.0, 0
     for j in range(ramp.fall.drawn):
-        i = model.block[j].drawn
+        i = ground.drawn[j].contact
         c, foot = contacts[i], ground.feet[i]
         if c.leaving != 0 and c.since < s:
             c.at &= ~c.leaving
@@ -350,7 +351,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
         rest_on_border(c, ground, ramp, i)
         forward, backward = c.forward, c.backward
         set_bounds(c, foot, ground, ramp)
-        ramp.friction += (c.forward + c.backward) - model.block[j].held
+        ramp.friction += (c.forward + c.backward) - ground.drawn[j].held
         if s == _END:
             close_jump(c, ground, ramp, i)
             c.fallen = 0
@@ -361,6 +362,6 @@ def end_fall(contacts, springs, model, ground, ramp, count):
         if c.at == 0:
             c.v = 0.0
         schedule(contacts, i, np.inf)
-        count = list_contact(contacts, model.block, i, count)
+        count = list_contact(contacts, model.listed, i, count)
     ramp.fall.drawn = 0
     return count

@@ -45,13 +45,14 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
         ahead, behind = e.ahead, e.behind
         for side in (FORWARD, BACKWARD):
             slope = ahead if side == FORWARD else behind
-            if not _push(contacts, springs, model, count, row, side):
+            compliance = _push(contacts, springs, model, count, row, side)
+            if compliance == 0.0:
                 continue
             if find_sides(contacts, springs, model, ramp, count):
                 foot = ground.feet[e.contact]
                 slope += foot.grows_forward if side == FORWARD else foot.grows_backward  # it moves at a velocity of 1
                 excess = e.force - slope * e.v
-                size = abs(slope) + 1.0 / e.kept
+                size = abs(slope) + 1.0 / compliance
                 if (excess if side == FORWARD else -excess) > -NEUTRAL * size:
                     found += 1
                     if first < 0 or (slope < 0.0 <= least):
@@ -69,9 +70,10 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
 
 @lean
 def _push(contacts, springs, model, count, row, side):
-    """Let commands rest, and move one contact at a velocity of 1, its force free; returns whether it is at that bound.
+    """Let commands rest, and move one contact at a velocity of 1, its force free.
 
-    `kept` of its row is the compliance of its springs.
+    Returns:
+        The compliance of its springs [m/N]; 0 if it is not at that bound.
     """
     block = model.block
     for j in range(count):
@@ -84,11 +86,10 @@ def _push(contacts, springs, model, count, row, side):
     e = block[row]
     c, stiffness = contacts[e.contact], 0.0
     if c.fallen != 0 or not c.at & side:
-        return False
+        return 0.0
     for k in range(c.first, c.last):
         stiffness += springs[model.ends[k].spring].stiffness
-    e.kept = 1.0 / stiffness
     e.ahead = e.behind = _STIFF * stiffness
     e.upper, e.lower = (-e.ahead, -np.inf) if side == FORWARD else (np.inf, e.ahead)
     e.side = 1 if side == FORWARD else -1
-    return True
+    return 1.0 / stiffness

@@ -52,7 +52,7 @@ def pass_knots(contacts, springs, model, curves, ramp, i, count):
             ramp.passed += 1
             _pass_knot(contacts, spring, model.ground, curves, ramp)
             leave_bounds(contacts[spring.b], ramp)
-            count = list_contact(contacts, model.block, spring.b, count)
+            count = list_contact(contacts, model.listed, spring.b, count)
             if passes_singly(curves, ramp):
                 break
     return count
@@ -88,7 +88,7 @@ def time_knots(contacts, springs, model, curves, ramp, count):
 def _time_contact(contacts, springs, model, ramp, i):
     """Advance a contact to s, and find its next event anew."""
     if ramp.fall.falling:
-        draw(contacts, model, model.ground, ramp, i)
+        draw(contacts, model.ground, ramp, i)
     leave_bounds(contacts[i], ramp)
     advance(contacts[i], ramp, ramp.s)
     schedule_next(contacts, springs, model, ramp, i)
@@ -166,7 +166,7 @@ def tighten(contacts, springs, model, curves, ramp):
     nearest, found, coming = np.inf, -1, 0
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, model.block, ramp.present)
+        side = side_of(spring, curves, ramp.present)
         if side == 0:
             continue
         bend = curves.bends[spring.bend]
@@ -182,14 +182,14 @@ def tighten(contacts, springs, model, curves, ramp):
 
 
 @lean
-def keep_part(contacts, model, curves, part):
+def keep_part(contacts, curves, part):
     """Keep the velocities and the pieces of curves of a part of an implicit step that has been solved.
 
     Args:
         part: of the change of the commands; where it is 0, nothing moves.
     """
     for i in range(contacts.shape[0]):
-        model.block[i].kept = contacts[i].v if part > 0.0 else 0.0
+        contacts[i].kept = contacts[i].v if part > 0.0 else 0.0
     if curves is None:
         return
     keep_sliders(curves.sliders)
@@ -202,7 +202,7 @@ def keep_part(contacts, model, curves, part):
 def return_to_part(contacts, springs, model, curves, ramp):
     """Return to the velocities and pieces of `keep_part`."""
     for i in range(contacts.shape[0]):
-        contacts[i].v = model.block[i].kept
+        contacts[i].v = contacts[i].kept
     if curves is None:
         return
     for j in range(springs.shape[0]):

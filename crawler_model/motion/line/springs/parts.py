@@ -14,15 +14,14 @@ def list_beside(contacts, springs, model, curves, ramp, i):
     """List the contacts that springs which are not flat join to a listed one; they are of the same part.
 
     Args:
-        model: a `Model`, in whose block the contacts are listed behind the `last` place.
+        curves: the `Curves`, in which the contacts are listed behind the `last` place.
         ramp: the RAMP; `present` is the number of the part.
         i: the listed contact.
     """
-    block = model.block
     for k in range(contacts[i].first, contacts[i].last):
         other = model.ends[k].other
-        if block[other].part != ramp.present and not is_flat(springs[model.ends[k].spring], curves):
-            block[other].part, block[ramp.last].member = ramp.present, other
+        if curves.strays[other].part != ramp.present and not is_flat(springs[model.ends[k].spring], curves):
+            curves.strays[other].part, curves.members[ramp.last] = ramp.present, other
             ramp.last += 1
 
 
@@ -39,23 +38,23 @@ def _list_parts(contacts, springs, model, curves, ramp):
     if curves is None or ramp.parted:
         return
     ramp.parted = 1
-    n, block, read = contacts.shape[0], model.block, 0
+    n, members, strays, read = contacts.shape[0], curves.members, curves.strays, 0
     ramp.last = 0
     for i in range(n):
-        block[i].part = -1
+        strays[i].part = -1
     for i in range(n):
-        if block[i].part >= 0:
+        if strays[i].part >= 0:
             continue
-        ramp.present = block[i].part = ramp.last
-        block[ramp.last].member = i
+        ramp.present = strays[i].part = ramp.last
+        members[ramp.last] = i
         ramp.last += 1
         while read < ramp.last:
-            list_beside(contacts, springs, model, curves, ramp, block[read].member)
+            list_beside(contacts, springs, model, curves, ramp, members[read])
             read += 1
 
 
 @inlined
-def member(block, curves, r):
+def member(curves, r):
     """Find the contact at a place in the list of parts.
 
     Args:
@@ -66,11 +65,11 @@ def member(block, curves, r):
     """
     if curves is None:
         return r
-    return block[r].member
+    return curves.members[r]
 
 
 @inlined
-def next_part(block, curves, ramp, n):
+def next_part(curves, ramp, n):
     """Go on to the next part of the body.
 
     Returns:
@@ -83,7 +82,7 @@ def next_part(block, curves, ramp, n):
         return True
     ramp.first = ramp.present = ramp.last
     ramp.last += 1
-    while ramp.last < n and block[block[ramp.last].member].part == ramp.present:
+    while ramp.last < n and curves.strays[curves.members[ramp.last]].part == ramp.present:
         ramp.last += 1
     if not ramp.first <= ramp.witness < ramp.last:
         ramp.witness = ramp.first
@@ -91,7 +90,7 @@ def next_part(block, curves, ramp, n):
 
 
 @inlined
-def begin_alone(block, ramp, i):
+def begin_alone(curves, ramp, i):
     """Begin to list the part of only one contact; it becomes the present one.
 
     Args:
@@ -99,16 +98,16 @@ def begin_alone(block, ramp, i):
     """
     ramp.parts -= 1  # numbers below the list of all parts
     ramp.parted, ramp.present, ramp.first, ramp.last, ramp.witness = 0, ramp.parts, 0, 1, 0
-    block[i].part, block[0].member = ramp.parts, i
+    curves.strays[i].part, curves.members[0] = ramp.parts, i
 
 
 @lean
 def find_part(contacts, springs, model, curves, ramp, i):
     """List the part of only one contact, in proportion to its size; it becomes the present one, see `begin_alone`."""
-    begin_alone(model.block, ramp, i)
+    begin_alone(curves, ramp, i)
     read = 0
     while read < ramp.last:
-        list_beside(contacts, springs, model, curves, ramp, model.block[read].member)
+        list_beside(contacts, springs, model, curves, ramp, curves.members[read])
         read += 1
 
 
@@ -142,7 +141,7 @@ def find_pull(contacts, springs, model, curves, i):
 
 
 @inlined
-def side_of(spring, block, part):
+def side_of(spring, curves, part):
     """Find which end of a spring is in a part, if one is and the other is not.
 
     Args:
@@ -151,4 +150,4 @@ def side_of(spring, block, part):
     Returns:
         1 if it is the end at b, so that the spring grows as the part slides forward; -1 if that at a; else 0.
     """
-    return int(block[spring.b].part == part) - int(block[spring.a].part == part)
+    return int(curves.strays[spring.b].part == part) - int(curves.strays[spring.a].part == part)

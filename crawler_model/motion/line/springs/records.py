@@ -74,6 +74,7 @@ STRAY = np.dtype(
         ("most", _FLOAT),  # to where [m]
         ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
         ("kept_most", _FLOAT),  # what of `most` does [m]
+        ("part", _INT),  # number of its part of the body: in the list of all parts the place of its first contact
     ],
     align=True,
 )
@@ -89,5 +90,7 @@ class Curves(NamedTuple):
     """PIECE, of all curves, shape (P,)."""
     strays: np.ndarray
     """STRAY, memory, shape (N,)."""
+    members: np.ndarray
+    """The contacts, part by part, see `parts`, memory, shape (N,)."""
     sliders: Any
     """SLIDER, shape (H,); None if no spring has any, where nothing of them is compiled."""

@@ -58,14 +58,14 @@ def _find_loose(contacts, springs, model, curves, ramp):
 
 
 @lean
-def _find_knot(springs, block, curves, ramp, direction):
+def _find_knot(springs, curves, ramp, direction):
     """Find how far the present part can slide until it is just beyond a knot of a flat spring at its ends."""
     distance = np.inf
     if curves is None:
         return distance
     for j in range(springs.shape[0]):
         spring = springs[j]
-        side = side_of(spring, block, ramp.present)
+        side = side_of(spring, curves, ramp.present)
         if side != 0:
             bend = curves.bends[spring.bend]
             z, u = spring.elongation, spring.elongation - spring.length
@@ -85,11 +85,11 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
     """
     coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
     for r in range(ramp.first, ramp.last):
-        if not contacts[member(model.block, model.curves, r)].at & side:
+        if not contacts[member(model.curves, r)].at & side:
             return True
     distance, nearest = knot, -1
     for r in range(ramp.first, ramp.last):
-        i = member(model.block, model.curves, r)
+        i = member(model.curves, r)
         contacts[i].v = float(direction)
         contacts[i].coming = coming
         leave_border(contacts[i], ground, ramp, i)
@@ -105,7 +105,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
         c, foot = contacts[nearest], ground.feet[nearest]
         open_jump(c, ground, ramp, nearest, foot.home + c.x + direction * distance)
     for r in range(ramp.first, ramp.last):
-        i = member(model.block, model.curves, r)
+        i = member(model.curves, r)
         c = contacts[i]
         gap = _way_of(c, ground.feet[i], ground, coming, side, i)
         c.lost += excess_of(c, ground.feet[i], ground) * distance
@@ -132,7 +132,7 @@ def _move(c, ramp, direction, distance):
 
 
 @lean
-def _keep_flat(contacts, springs, block, curves, ramp, direction):
+def _keep_flat(contacts, springs, curves, ramp, direction):
     """Note the elongations of flat springs, whose tensions rest, and which of them the slide has led over a knot."""
     if curves is None:
         return
@@ -142,7 +142,7 @@ def _keep_flat(contacts, springs, block, curves, ramp, direction):
             a, b = contacts[spring.a], contacts[spring.b]
             spring.elongation = (b.x - a.x) + (b.rest - a.rest)
             spring.still_tension, spring.still_length = spring.tension, spring.length
-            side = side_of(spring, block, ramp.present)
+            side = side_of(spring, curves, ramp.present)
             if side != 0:
                 bend, z, u = curves.bends[spring.bend], spring.elongation, spring.elongation - spring.length
                 way, _ = find_way(bend, curves.pieces, z, u, side * direction)
@@ -168,7 +168,7 @@ def slide(contacts, springs, model, ground, curves, ramp):
     direction = _find_loose(contacts, springs, model, curves, ramp)
     if direction == 0:
         return False
-    knot = _find_knot(springs, model.block, curves, ramp, direction)
+    knot = _find_knot(springs, curves, ramp, direction)
     if ground is not None:
         if not _slide_on_ground(contacts, model, ground, ramp, direction, knot):
             return False
@@ -177,6 +177,6 @@ def slide(contacts, springs, model, ground, curves, ramp):
         return False
     else:
         for r in range(ramp.first, ramp.last):
-            _move(contacts[member(model.block, curves, r)], ramp, direction, knot)
-    _keep_flat(contacts, springs, model.block, curves, ramp, direction)
+            _move(contacts[member(curves, r)], ramp, direction, knot)
+    _keep_flat(contacts, springs, curves, ramp, direction)
     return True

@@ -18,7 +18,8 @@ from crawler_model.motion.line.records import BLOCK, BREAK, RAMP, Model, zeros
 
 @compiled
 def solve_block(block, breaks, matrix, ramps):
-    project(Model(breaks, block, matrix, breaks, matrix, None, None, None), ramps[0], block.shape[0] - 1)
+    model = Model(breaks, block, matrix, matrix, breaks, matrix, None, None, None)
+    project(model, ramps[0], block.shape[0] - 1)
 
 
 def solve(target, stiffness, lower, upper):
