@@ -25,6 +25,7 @@ from .friction_parts import (
     optional,
 )
 from .link_parts import Bendable, JointsPart, Links, LinksPart, SegmentPart
+from .sensors import SensorsPart
 
 LARGEST_TOLERANCE = 0.5
 """Largest tolerance of a body in the plane [1]."""
@@ -447,6 +448,9 @@ class SceneParts(Part):
     )
     drive: DrivePart | None = optional(
         "Drive for `crawler simulate` and the gait player. Default: none; the crawler then waits for commands."
+    )
+    sensors: SensorsPart | None = optional(
+        "How sensors measure, in the simulator and in the Gymnasium environment. Default: exact states only."
     )
 
     @property

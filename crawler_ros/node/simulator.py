@@ -17,8 +17,10 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
+from ..wire.measured import MEASURED, MeasuredStates, find_sensors
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
+from .actuators import Actuators
 from .diagnostics import CommandCounts, TickCounts, diagnose
 from .encoder import STATES
 from .intake.commands import CommandQueue
@@ -29,6 +31,7 @@ from .life.quiet_node import QuietNode
 from .life.run import run_node
 from .life.scheduling import check_priority, raise_priority, reduce_delays
 from .life.stop import StopFlag, end_on_signals
+from .measured import MeasuredTopics
 from .outgoing import Outgoing, Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
@@ -68,6 +71,7 @@ class Simulator(QuietNode):
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
         self.commands = CommandQueue(self.columns, crawler.row, self.lock_step, limits)
+        self._sensors = find_sensors(self.scene.parts.sensors, self.values)
         self.reported, self.reported_commands = TickCounts(), CommandCounts()
         self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
@@ -106,6 +110,8 @@ class Simulator(QuietNode):
             self.outgoing,
             self.feed,
             int(self.values["publish.every"]),
+            Actuators(self.scene, self.values),
+            self._measured,
         )
         self._next_diagnostics_ns = self._logged_lag_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
@@ -123,6 +129,7 @@ class Simulator(QuietNode):
             "odom": self.values["publish.odom"],
             "robot_description": self.values["publish.robot_description"],
             "/diagnostics": self.values["publish.diagnostics"],
+            **dict.fromkeys(MEASURED, self._sensors is not None),
             "/clock": self.values["publish_clock"],
         }
         self.intake = Intake(self.commands, self.throttle, self.recorder, self.columns.count, self._on_accepted)
@@ -140,6 +147,10 @@ class Simulator(QuietNode):
                 channel = None if self.recorder is None else self.recorder.add_topic(topic, full)
                 self.intake.open(self, topic, channel)
         self.outgoing = Outgoing(self.scene, self.values, self._outlets, self.recorder)
+        self._measured = None
+        if self._sensors is not None:
+            states = MeasuredStates(self.scene, self._sensors)
+            self._measured = MeasuredTopics(self.scene, states, self._outlets, self.values["frame_id"])
         warn_of_unused_qos(self)
 
     def _open_services(self) -> None:
@@ -185,6 +196,12 @@ class Simulator(QuietNode):
                     return SetParametersResult(successful=False, reason=str(error))
                 with self.lock:
                     self.stepper.real_time_factor = float(change.value)
+            if change.name == "actuators.frozen":
+                try:
+                    with self.lock:
+                        self.ticks.freeze(str(change.value))
+                except CommandError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     # -- the loop ---------------------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from crawler_model.run.screw import to_frame
 
 from ..viewer.frames import time_jumps
 from ..wire.messages import find_orientation
+from .actuators import Actuators
 from .counts import start_counts
 from .encoder import LEDGER, STATES, TickEncoder
 from .inertia import add_ticks
@@ -27,6 +28,7 @@ from .intake.commanded_path import CommandedPath, Vertex, Vertices
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .kernels import sum_accounts
+from .measured import MeasuredTopics
 from .outgoing import Outgoing
 from .stepper import Stepper
 
@@ -52,6 +54,8 @@ class Ticks:
         outgoing: Outgoing,
         feed: ViewerFeed | None,
         every: int,
+        actuators: Actuators,
+        measured: MeasuredTopics | None,
     ) -> None:
         """Keep the parts.
 
@@ -64,10 +68,12 @@ class Ticks:
             outgoing: the messages of ticks.
             feed: the live view, if there is one.
             every: the states are sent after each tick whose number is a multiple of this.
+            actuators: what moves the links.
+            measured: the messages of the sensors, if there are any.
         """
         self.crawler, self.start = crawler, crawler.copy()
         self._stepper, self._commands, self._intake, self._outgoing = stepper, commands, intake, outgoing
-        self._feed, self._every = feed, every
+        self._feed, self._every, self._actuators, self._measured = feed, every, actuators, measured
         self._scene, self._columns = scene, scene.columns
         self._count_anew()
         averages = self.inertia is not None and not self.inertia.follows_pieces  # of which each tick counts
@@ -86,6 +92,7 @@ class Ticks:
         """Return to the start of the scene, and send the state there."""
         self.crawler = self.start.copy()
         self._commands.reset(self.start.row)
+        self._actuators.reset(self.start.row)
         self._count_anew()
         self.send_start()
 
@@ -93,8 +100,16 @@ class Ticks:
         """Send the state at simulated time 0."""
         self._read(0, np.inf)
         self._outgoing.send_start()
+        if self._measured is not None:
+            encoder = self._outgoing.encoder
+            self._measured.restart()
+            self._measured.send(np.zeros(1, np.int64), encoder.joints[:1], encoder.poses[:1])
         if self._feed is not None:
             self._feed.show(0, self.crawler, ())
+
+    def freeze(self, names: str) -> None:
+        """Let actuators stick, see `Actuators.freeze`."""
+        self._actuators.freeze(names, self._commands.in_force)
 
     def run_ahead(self) -> None:
         """Run as many ticks as take `_CALL_NS`, or fewer where commands wait."""
@@ -112,11 +127,13 @@ class Ticks:
         """
         began_ns, tick, in_force = time.monotonic_ns(), self._stepper.tick, self._commands.in_force
         taken = self._commands.take_vertices(self._stepper.times_ns(min(most, self.most)))
+        if not self._actuators.are_ideal:
+            in_force, taken = self._actuators.row, self._actuators.move(taken)
         always = self._always[: taken.first.size - 1]
         sent = always if self._every == 1 else (np.arange(tick + 1, tick + 1 + always.size) % self._every == 0)
         if shown or taken.ended >= 0:
             sent[taken.ended] = True
-        read = sent if self.yields is None else always
+        read = sent if self.yields is None and self._measured is None else always
         x: list[np.ndarray] = []
         jumps: _Jumps = {}
         if self._compiled:
@@ -127,6 +144,9 @@ class Ticks:
             if taken.ended >= 0:  # also because its commands were refused
                 sent[taken.ended] = True
         self._outgoing.send(taken, read, sent, began_ns)  # first of all: in lock-step a controller waits for it
+        if self._measured is not None:
+            encoder = self._outgoing.encoder
+            self._measured.send(taken.times_ns[1:], encoder.joints[: sent.size], encoder.poses[: sent.size])
         self._intake.warn_of_overdue(self._stepper.now_ns)
         self._stepper.finish(sent.size)
         if self._feed is not None:
@@ -181,7 +201,9 @@ class Ticks:
                 step = crawler.follow(targets[first[tick] : first[tick + 1]])
             except CommandError as error:  # only the motion shows that the ground it leads to holds nothing
                 step, taken = crawler.follow(targets[:0]), taken.refuse(tick)
-                self._commands.resume(taken.rows[-1] if taken.rows.size else in_force, int(taken.times_ns[-1]))
+                last = taken.rows[-1] if taken.rows.size else in_force
+                self._commands.resume(last, int(taken.times_ns[-1]))
+                self._actuators.reset(last)
                 self._intake.warn_of_refused_tick(error)
                 self.counts.unheld += 1
                 read[tick] = True

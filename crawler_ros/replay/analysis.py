@@ -16,6 +16,7 @@ from ..recording.attachments import other_versions
 from ..recording.bag import BagError, recorded_scene
 from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
+from ..wire.measured import MeasuredStates, find_sensors
 from ..wire.states import contact_names, station_names
 from .cycle_table import Cycle, EnergyBalance, account_of, tabulate_cycles
 from .health import Survey, TopicHealth, check_topics, choose_robot, find_rate, survey_recording
@@ -294,7 +295,9 @@ def _follow(
             begin, fitted = fit_start(survey, robot, start, rate)
         except BagError as error:
             return None, f"not simulated again: {str(error).removeprefix(f'{survey.path}: ')}", None, start.method
-    compared = Resimulation(survey, robot, start, rate, sinks, (begin, fitted or 0)).run(progress)
+    sensors = find_sensors(scene.parts.sensors, parameters)
+    measured = None if sensors is None else MeasuredStates(scene, sensors)
+    compared = Resimulation(survey, robot, start, rate, sinks, (begin, fitted or 0), measured).run(progress)
     return compared, _explain(survey, compared, start, fitted, recorded is not None), fitted, start.method
 
 

@@ -17,6 +17,7 @@ from crawler_model.run.account import tolerance_of
 from ..recording import bag
 from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
+from ..wire.measured import MEASURED, MeasuredStates
 from ..wire.states import contact_names, joint_state_names, shown_contacts
 from .health import Survey, next_tick_ns
 from .ramp_rows import RampRows
@@ -27,7 +28,10 @@ _MOST_WAITING = 20_000
 _ROUNDING = 1e-9
 """Differences up to this part of the largest number are taken for rounding, which grows along a run; in the plane those
 up to the tolerance of the scene, as other roundings there lead to other steps."""
-_KINDS = dict(zip(STATES, (JOINT_STATE, JOINT_STATE, POSE), strict=True))
+_COMPARED = (*STATES, *MEASURED)
+_KINDS = dict(zip(_COMPARED, (JOINT_STATE, JOINT_STATE, POSE, JOINT_STATE, POSE), strict=True))
+_POSE = [0, 1, 5, 6]
+"""Of the numbers of a pose, those that are not constant on the ground."""
 _AXES = ("x", "y", "z", *(f"orientation.{axis}" for axis in "xyzw"))
 
 
@@ -113,6 +117,7 @@ class Resimulation:
         rate: Fraction | None,
         sinks: Sequence[Sink],
         begin: tuple[Crawler, int],
+        measured: MeasuredStates | None = None,
     ) -> None:
         """Prepare the simulation at its start.
 
@@ -124,6 +129,7 @@ class Resimulation:
             sinks: callables that receive every ramp.
             begin: the crawler where the recording begins, and its simulated time, before which ledger messages are
                 skipped [ns].
+            measured: the sensors at the start of a run, if there were any.
         """
         self.comparison = Comparison(rounding=max(_ROUNDING, tolerance_of(start.scene)))
         self._survey, self._rate, self._sinks = survey, rate, sinks
@@ -138,13 +144,16 @@ class Resimulation:
         self._run, self._last_ns = 0, self._begin_ns - 1
         self._end_ns = self._begin_ns
         self._runs = find_runs(survey, robot)
+        self._measured = None if self._begin_ns else measured
+        if self._measured is None:  # what was measured before is not known, and later noise depends on it
+            self._runs = {name: runs for name, runs in self._runs.items() if name not in MEASURED}
         self._seen = dict.fromkeys(self._runs, 0)
         self._decoders = {
             name: Decoder(robot.recorded(name), kind)
             for name, kind in {LEDGER: TRAJECTORY, **_KINDS}.items()
             if name in self._runs
         }
-        self._waiting = {name: (_Unpaired(), _Unpaired()) for name in STATES if name in self._runs}
+        self._waiting = {name: (_Unpaired(), _Unpaired()) for name in _COMPARED if name in self._runs}
         self._first_ns = self._begin_ns
         self._ends: dict[int, int] = {}  # of the ledger, in runs that are over
         self._first_key: tuple[int, int, int] | None = None
@@ -203,6 +212,8 @@ class Resimulation:
             "joint_states": tuple(joint_state_names(self._body)),
             "contact_states": tuple(contact_names(self._scene.body)),
             "pose": (),
+            "measured/joint_states": tuple(joint_state_names(self._body)),
+            "measured/pose": (),
         }
         for name, decoder in self._decoders.items():
             if decoder.names is not None and decoder.names != wanted[name] and (decoder.names or name != LEDGER):
@@ -218,6 +229,8 @@ class Resimulation:
         self._target = self._scene.columns.target(self._start.row)
         self._run += 1
         self._begin_ns, self._last_ns, self._end_ns = 0, -1, 0
+        if self._measured is not None:
+            self._measured.restart()
         self.comparison.resets += 1
         self._send_start()
 
@@ -289,9 +302,22 @@ class Resimulation:
         states = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
         for name, numbers in zip(STATES, states, strict=True):
             self._store(name, 0, runs, ends, numbers)
+        if self._measured is not None:
+            self._measure(self._measured, runs, ends, *states[::2])
         piece = rows.piece(self._shown)
         for sink in self._sinks:
             sink(piece)
+
+    def _measure(
+        self, sensors: MeasuredStates, runs: np.ndarray, ends: np.ndarray, joints: np.ndarray, poses: np.ndarray
+    ) -> None:
+        """Measure the states at the ends of ticks, as the node did."""
+        for run, ns, joint, pose in zip(runs, ends.tolist(), joints, poses[:, 0], strict=True):
+            for stamp, measured, place in sensors.measure(ns, joint, pose[_POSE]):
+                whole = np.zeros((1, pose.size))
+                whole[0, _POSE] = place
+                for name, numbers in zip(MEASURED, (measured, whole), strict=True):
+                    self._store(name, 0, np.array([run]), np.array([stamp]), numbers[None])
 
     def _store(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
         if name in self._waiting:
@@ -346,7 +372,7 @@ class Resimulation:
         result.max_force_difference = max(result.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
         differing = np.flatnonzero(wrong.any(axis=(1, 2))).tolist()
         row = min(differing, key=lambda i: keys[i])
-        first = (*keys[row], STATES.index(name))
+        first = (*keys[row], _COMPARED.index(name))
         if self._first_key is None or first < self._first_key:
             self._first_key, result.first_difference = first, keys[row][1] / NS
             quantity, place = (int(v) for v in np.argwhere(wrong[row])[0])

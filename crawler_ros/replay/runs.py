@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..recording.recorded_robot import Robot
+from ..wire.measured import MEASURED
 from .health import Stamps, Survey
 
 LEDGER, STATES = "applied_commands", ("joint_states", "contact_states", "pose")
@@ -52,7 +53,7 @@ def find_runs(survey: Survey, robot: Robot) -> dict[str, Runs]:
     Returns:
         The runs of all recorded topics, by their names in the table of topics.
     """
-    topics = {name: survey.topics.get(robot.recorded(name)) for name in (LEDGER, *STATES)}
+    topics = {name: survey.topics.get(robot.recorded(name)) for name in (LEDGER, *STATES, *MEASURED)}
     recorded = {name: topic for name, topic in topics.items() if topic is not None and topic.stamp_ns.size}
     ledger = recorded.pop(LEDGER)
     begins = _find_begins(ledger, recorded.values())

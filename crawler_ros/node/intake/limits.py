@@ -81,6 +81,24 @@ def body_length(body: Body) -> float:
     return float(np.ptp(np.atleast_2d(body.position.T), axis=1).max())
 
 
+def _spans(body: Body) -> list[float]:
+    return [float(body.position[s.last] - body.position[s.first]) for s in body.segments]
+
+
+def lengths_of_columns(scene: Scene) -> np.ndarray:
+    """Find by which length the number of a column changes a part of the body.
+
+    Args:
+        scene: the scene that is commanded.
+
+    Returns:
+        The length of a segment for its strain, 1 m of links, 1 of angles, shape (lengths,) [m].
+    """
+    columns = scene.columns
+    parts = np.concatenate(([1.0] * columns.links, _spans(scene.body), [1.0] * (columns.joints or 0)))
+    return np.repeat(parts, columns.actuation_sizes)
+
+
 def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> Limits:
     """Compute the limits of a scene's commands.
 
@@ -100,10 +118,9 @@ def command_limits(scene: Scene, length: float = 0.0, friction: float = 0.0) -> 
     """
     columns, body, rows = scene.columns, scene.body, np.abs(scene.drive.rows)
     extent = body_length(body)
-    spans = [body.position[s.last] - body.position[s.first] for s in body.segments]
-    lengths_of = np.concatenate(([1.0] * columns.links, spans))
+    spans = _spans(body)
     angles = columns.joints or 0
-    spread = np.repeat(lengths_of, columns.actuation_sizes[: lengths_of.size])
+    spread = lengths_of_columns(scene)[: columns.lengths - angles]
     longest = length or max(_BODY_LENGTHS * extent, (rows[:, : spread.size] * spread).max(initial=0.0))
     widest = max(2.0 * np.pi, rows[:, spread.size : columns.lengths].max(initial=0.0))
     ground = np.repeat(np.concatenate(([1.0] * columns.contacts, spans)), columns.friction_sizes)
