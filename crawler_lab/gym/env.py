@@ -126,7 +126,7 @@ class CrawlerEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self._attach(self.lanes)
 
     def _begin(self) -> None:
-        drawn = self.spec_of_crawler.ranges.draw(self.np_random)
+        drawn = self.spec_of_crawler.draw(self.np_random)
         self.lanes.reset(np.zeros(1, np.int64), [drawn])
         self.drawn, self._begun = drawn, True
 

@@ -15,13 +15,14 @@ from crawler_model.crawler.method import default_budget
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns
+from crawler_model.scene.sensors import Sensors
 from crawler_ros.wire.states import find_command, shown_contacts
 
 from ..sweep.workers import available_cores
 from .kernel import lane, layout
 from .memory import build_shared, fill_at_rest, has_kernel, view
 from .randomise import assemble, vary_scene
-from .spec import Spec
+from .spec import Spec, list_units
 
 _WORTH_A_THREAD = 1024
 """Contacts times environments above which another thread saves more than it costs."""
@@ -66,6 +67,9 @@ class Lanes:
         self._crawlers: list[Crawler] = []
         self._bodies: tuple[np.ndarray, ...] = ()
         self._readout = Readout(scene.body, shown_contacts(scene.body))
+        sensors = scene.parts.sensors
+        units = [] if sensors is None else list_units(spec)
+        self._sensors = [] if sensors is None else [Sensors(sensors, units, float(spec.rate)) for _ in range(count)]
         if self._has_kernel:
             self._rest = np.zeros((1, shared.lane_at[-1]))
             fill_at_rest(self._rest, shared, scene)
@@ -108,10 +112,10 @@ class Lanes:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let copies be built anew: copied one by one, views would be arrays of their own."""
-        return Lanes, self._given, (self.spec, self._crawlers, self._arrays)
+        return Lanes, self._given, (self.spec, self._crawlers, self._sensors, self._arrays)
 
-    def __setstate__(self, state: tuple[Spec, list[Crawler], tuple[np.ndarray, ...]]) -> None:
-        self.spec, self._crawlers, arrays = state
+    def __setstate__(self, state: tuple[Spec, list[Crawler], list[Sensors], tuple[np.ndarray, ...]]) -> None:
+        self.spec, self._crawlers, self._sensors, arrays = state
         for own, given in zip(self._arrays, arrays, strict=True):
             own[...] = given
 
@@ -157,6 +161,10 @@ class Lanes:
         view(self._memory, self.shared, layout.SIGMA)[which, 0] = [one.get("noise", 0.0) for one in drawn]
         self.skipped[which] = 0
         self._begin(which)
+        if self._sensors:
+            for m, one in zip(which.tolist(), drawn, strict=True):
+                self._sensors[m].restart(one.get("noise_seed", 0))
+            self._measure(which)
 
     def _begin(self, which: np.ndarray) -> None:
         if self._has_kernel:
@@ -180,6 +188,18 @@ class Lanes:
                 each.result()
         if not self._has_kernel or self._segments:
             self._complete(np.flatnonzero(self.skipped == 0), False)
+        if self._sensors:
+            self._measure(np.flatnonzero(self.skipped == 0))
+
+    def _measure(self, which: np.ndarray) -> None:
+        """Let observations be what the sensors measure: the last measurement that has arrived."""
+        bound = self.spec.spans.bound
+        for m in which.tolist():
+            ns = tick_end_ns(int(self._clocks[m, layout.STEP]), self.spec.rate)
+            self._sensors[m].measure(ns, self.observations[m])
+            latest = self._sensors[m].latest
+            assert latest is not None
+            np.clip(latest.values, -bound, bound, out=self.observations[m])
 
     def _follow(self, m: int) -> None:
         """Follow the action of one environment in the plane, or on patches of ground."""

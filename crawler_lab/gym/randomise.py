@@ -22,7 +22,7 @@ KEYS = (*OF_SCENE, "delay", "noise", "noise_seed")
 """The others: delay of the actions in steps; standard deviation of the noise of the sensors relative to the scale of
 each reading; the seed of that noise."""
 MOST_DELAY = 1000
-_MOST_SEED = 2**63 - 1
+MOST_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Ranges:
             else:
                 drawn[key] = low if low == high else float(random.uniform(low, high))
         if drawn.get("noise", 0.0) > 0.0 and "noise_seed" not in drawn:
-            drawn["noise_seed"] = int(random.integers(_MOST_SEED))
+            drawn["noise_seed"] = int(random.integers(MOST_SEED))
         return drawn
 
 
@@ -107,7 +107,7 @@ def _range(key: str, given: Any) -> tuple[float, float]:
         "slope": (-89.0, 89.0, "degrees between -89 and 89"),
         "delay": (0, MOST_DELAY, f"whole numbers of steps, 0 .. {MOST_DELAY}"),
         "noise": (0.0, 1e3, "relative deviations >= 0"),
-        "noise_seed": (0, _MOST_SEED, "whole numbers >= 0"),
+        "noise_seed": (0, MOST_SEED, "whole numbers >= 0"),
     }
     least, most, what = bounds[key]
     fits = math.isfinite(low) and math.isfinite(high) and least <= low <= high <= most

@@ -20,7 +20,7 @@ from crawler_ros.wire.states import shown_contacts
 from ..sweep.keys import with_loads
 from .actions import Actions, build_actions
 from .bounds import Spans, find_spans
-from .randomise import Ranges, read_ranges
+from .randomise import MOST_SEED, Ranges, read_ranges
 from .task import Task, build_task, check_number
 
 MOST_STEPS = 10_000_000
@@ -56,6 +56,13 @@ class Spec:
     friction: Sequence[float] | None
     steps_per_stroke: float
 
+    def draw(self, random: np.random.Generator) -> dict[str, Any]:
+        """Draw the values of an episode, see `Ranges.draw`; with sensors, the seed of their noise is one of them."""
+        drawn = self.ranges.draw(random)
+        if self.scene.parts.sensors is not None and "noise_seed" not in drawn:
+            drawn["noise_seed"] = int(random.integers(MOST_SEED))
+        return drawn
+
     def with_ranges(self, ranges: Ranges) -> Spec:
         """Replace the ranges; the spaces stay as they are.
 
@@ -71,6 +78,21 @@ class Spec:
             actions = build_actions(scene, self.stroke, self.friction, self.steps_per_stroke)
         _check_ground_and_friction(actions, scene, ranges)
         return dataclasses.replace(self, scene=scene, actions=actions, ranges=ranges)
+
+
+def list_units(spec: Spec) -> list[str]:
+    """List the units of an observation, as `Sensors` names them: friction is commanded, and known exactly.
+
+    Args:
+        spec: the settings.
+
+    Returns:
+        One for each entry.
+    """
+    body, axes = spec.scene.body, spec.scene.dimension
+    joints, feet = body.joints.shape[0] * axes, shown_contacts(body).size * axes
+    frictions = int((spec.actions.free >= spec.scene.columns.lengths).sum())
+    return ["m"] * joints + ["N"] * joints + ["m/s"] * feet + [""] * frictions + ["m"] * spec.task.errors
 
 
 def build_spec(

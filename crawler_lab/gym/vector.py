@@ -176,8 +176,9 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 self._randoms[m], self._seeds[m] = seeding.np_random(seed)
 
     def _begin(self, which: np.ndarray) -> None:
-        ranges = self.spec_of_crawler.ranges
-        drawn = [ranges.draw(self._randoms[m]) for m in which] if ranges.ranges else [{}] * which.size
+        spec = self.spec_of_crawler
+        varies = spec.ranges.ranges or spec.scene.parts.sensors is not None
+        drawn = [spec.draw(self._randoms[m]) for m in which] if varies else [{}] * which.size
         self.lanes.reset(which, drawn)
         for m, values in zip(which.tolist(), drawn, strict=True):
             self.drawn[m] = values

@@ -80,30 +80,36 @@ class Sensors:
     rounded to pixels after noise and drift are added.
     """
 
-    def __init__(self, part: SensorsPart, units: Sequence[str]) -> None:
+    def __init__(self, part: SensorsPart, units: Sequence[str], rate: float = 0.0) -> None:
         """Prepare sensors.
 
         Args:
             part: how they measure.
-            units: "m", "rad" or "N" of each reading; "" where it is known exactly, shape (M,).
+            units: "m", "rad", "N", or "m/s" for the difference of two lengths, of each reading; "" where it is known
+                exactly, shape (M,).
+            rate: calls of `measure` per second, needed for "m/s" [Hz].
         """
         self._part = part
         noise = {"m": part.noise, "rad": part.angle_noise, "N": part.force_noise, "": 0.0}
+        noise["m/s"] = math.sqrt(2.0) * part.noise * (min(part.rate, rate) if part.rate else rate)
         self._noise = np.array([noise[unit] for unit in units])
         self._is_length, self._is_angle = (np.array([unit == which for unit in units]) for which in ("m", "rad"))
         self.restart()
 
-    def restart(self, seed: int | None = None) -> None:
+    def restart(self, run: int | None = None) -> None:
         """Return to the start.
 
         Args:
-            seed: the seed from now on; None for the seed of the scene.
+            run: number of the run, in which other noise follows from the same seed; None for what the seed alone leads
+                to.
         """
-        self._random = np.random.default_rng(self._part.seed if seed is None else seed)
+        self._random = np.random.default_rng(self._part.seed if run is None else [self._part.seed, run])
         self._drift = self._part.drift * self._random.standard_normal(self._noise.size)
         self._number, self._drifted_ns = -1, 0
         self._waiting: deque[Measurement] = deque()
         self._before: Measurement | None = None
+        self.latest: Measurement | None = None
+        """The last measurement that has arrived, or the one of the start; None before it."""
 
     def measure(self, ns: int, readings: np.ndarray) -> list[Measurement]:
         """Measure if it is time, and list the measurements that arrive now.
@@ -122,9 +128,11 @@ class Sensors:
             values = self._sense(ns, readings)
             if self._random.random() >= part.dropped or self._before is None:
                 self._waiting.append(self._follow(ns, values))
+                self.latest = self.latest or self._before
         arrived = []
         while self._waiting and self._waiting[0].ns + part.delay * NS <= ns:
-            arrived.append(self._waiting.popleft())
+            self.latest = self._waiting.popleft()
+            arrived.append(self.latest)
         return arrived
 
     def _sense(self, ns: int, readings: np.ndarray) -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -76,7 +78,7 @@ def test_the_start_is_never_lost_and_of_the_others_a_fraction():
 
 def test_rates_are_differences_of_what_was_measured():
     found = [m for _, m in measure(200, noise=1e-3, angle_noise=0.01, force_noise=1.0, dropped=0.2)]
-    for before, after in zip(found, found[1:], strict=False):
+    for before, after in itertools.pairwise(found):
         expected = (after.values - before.values) / ((after.ns - before.ns) / NS)
         assert after.rates[:3] == pytest.approx(expected[:3], rel=1e-12)
         assert not after.rates[3:].any()
