@@ -307,10 +307,9 @@ class PlanePath:
     def _find_velocity(self, change: np.ndarray) -> np.ndarray:
         """Find the velocities with which the body would go on, shape (N, 2) [m per ramp]."""
         state, velocity = self._state, np.zeros_like(self._state.x)
-        way = state.x, state.command, state.command + change
-        predict_first_slide(
-            self._motion.frame, way, AT_ONCE * self._motion.tolerance, velocity, np.empty(velocity.shape)
-        )
+        negligible, force = AT_ONCE * self._motion.tolerance, np.empty(velocity.shape)
+        target = state.command + change
+        predict_first_slide(self._motion.frame, state.x, state.command, target, negligible, velocity, force)
         return velocity
 
 

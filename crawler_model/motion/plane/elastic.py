@@ -104,13 +104,14 @@ def energy_of(frame, command, x):
 
 
 @lean
-def is_balanced(frame, command, x, spent, residual, limits):
+def is_balanced(frame, command, x, spent, residual, allowed, fraction):
     """Determine whether a residual of energies is an error.
 
     Args:
         spent: all energies that were spent, stored or gained [J].
         residual: of these [J].
-        limits: error of the displacements [m], and of the energies as a part of them [1].
+        allowed: error of the displacements [m].
+        fraction: error of the energies as a part of them [1].
 
     Returns:
         Whether it is; otherwise the body has jumped.
@@ -118,8 +119,7 @@ def is_balanced(frame, command, x, spent, residual, limits):
     most = 0.0
     for i in range(x.shape[0]):
         most = max(most, friction_of(frame, command, i)[2])
-    allowed, part = limits
-    return abs(residual) <= part * spent + allowed * most + _ROUNDING * energy_of(frame, command, x)
+    return abs(residual) <= fraction * spent + allowed * most + _ROUNDING * energy_of(frame, command, x)
 
 
 @entry
@@ -135,7 +135,7 @@ def balances(frame, command, x, account, loss, allowed):
         Whether they do; otherwise the body has jumped.
     """
     spent = dissipated(account) + abs(account[WORK]) + abs(account[LOADS_WORK])
-    return is_balanced(frame, command, x, spent, max(loss, 0.0), (allowed, _CLOSELY))
+    return is_balanced(frame, command, x, spent, max(loss, 0.0), allowed, _CLOSELY)
 
 
 @lean

@@ -177,7 +177,8 @@ def linearise(frame, command, x, base, force, size, rows):
         if frame.directions.shape[0] > 0:
             rounding = 1.0 + (size[i] + frame.grip[i] * (abs(x[i, 0]) + abs(x[i, 1]))) / most
             moved = x[i, 0] - base[i, 0], x[i, 1] - base[i, 1]
-            miss = linearise_polygon(frame, command, (i, at), force[i], moved, (SLACK * _CLOSE * rounding, most), row)
+            close = SLACK * _CLOSE * rounding
+            miss = linearise_polygon(frame, command, i, at, force[i], moved, close, most, row)
             worst = max(worst, miss / (_CLOSE * rounding))
             largest = max(largest, miss)
             continue

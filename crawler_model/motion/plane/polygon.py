@@ -137,22 +137,19 @@ def nearest_face(frame, command, at, z0, z1, close):
 
 
 @lean
-def linearise_polygon(frame, command, point, force, moved, limits, row):
+def linearise_polygon(frame, command, i, at, force, moved, close, most, row):
     """Compute by how much a point misses the law of friction, and the derivatives of that.
 
     Args:
-        point: its number, and where its friction begins in the command.
         force: two components [N].
         moved: its displacement, two components [m].
-        limits: a point at rest outside the polygon by no more than this part of its friction sticks; its largest
-            friction [N].
+        close: a point at rest outside the polygon by no more than this part of its friction sticks.
+        most: its largest friction [N].
         row: output, zero before, as for `linearise`.
 
     Returns:
         The miss, relative to the largest friction.
     """
-    i, at = point
-    close, most = limits
     r = frame.grip[i]
     rests = moved[0] == 0.0 and moved[1] == 0.0
     face, p0, p1 = nearest_face(

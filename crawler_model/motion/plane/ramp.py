@@ -111,11 +111,10 @@ def _time_to_reach(u0, u1, rate0, rate1, growth, inwards):
 
 
 @compiled
-def predict_first_slide(frame, way, negligible, velocity, force):
+def predict_first_slide(frame, x, command, target, negligible, velocity, force):
     """Measure the velocities at the start of a ramp, and predict when the first point starts to slide.
 
     Args:
-        way: displacements, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
         negligible: a point that starts and moves by no more is taken to have started before [m].
         velocity: changed in place: a guess, then the velocities, shape (N, 2) [m per unit of the ramp].
         force: output: the force that friction balances at the start, shape (N, 2) [N].
@@ -123,7 +122,6 @@ def predict_first_slide(frame, way, negligible, velocity, force):
     Returns:
         The part of the ramp; infinite if none does, or no velocities were found; and whether the velocities are unique.
     """
-    x, command, target = way
     n = x.shape[0]
     now = np.empty(command.shape[0])
     moved = np.empty((n, 2))
@@ -166,17 +164,16 @@ def predict_first_slide(frame, way, negligible, velocity, force):
 
 
 @inner
-def _finish_part(frame, state, target, part, best, after, limits):
+def _finish_part(frame, x, command, target, part, best, after, allowed, solved):
     """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
-    The displacement, the dissipation and the work of the loads in `best` then extend to that end. `limits` has the
-    error that is allowed [m], and whether `best` is one implicit step.
+    The displacement, the dissipation and the work of the loads in `best` then extend to that end. `allowed` is
+    the error of that [m], and `solved` whether `best` is one implicit step.
 
     Returns whether there is such an end; whether it is stable and the energies balance: where they do not, the body has
     jumped; their residual; and how far a point moves: beyond the error, one has started before the end, unseen by the
     steps.
     """
-    x, _, command, _ = state
     n = x.shape[0]
     force = np.empty((n, 2))
     now = np.empty(command.shape[0])
@@ -185,7 +182,6 @@ def _finish_part(frame, state, target, part, best, after, limits):
     for i in range(n):
         for c in range(2):
             base[i, c] = after[i, c] = x[i, c] + best[i, c]
-    allowed, solved = limits
     shift = 0.0
     if not solved:
         solved, _ = solve_stage(frame, now, base, after, force, 0.0)
@@ -199,7 +195,7 @@ def _finish_part(frame, state, target, part, best, after, limits):
     gained = energy_of(frame, now, after) - energy_of(frame, command, x)
     residual = gained + best[n, 0] - best[n, 1] - best[n + 1, 0]
     spent = best[n, 0] + abs(best[n, 1]) + abs(best[n + 1, 0]) + abs(gained)
-    balanced = is_balanced(frame, now, after, spent, residual, (allowed, BALANCED))
+    balanced = is_balanced(frame, now, after, spent, residual, allowed, BALANCED)
     if frame.vector:
         return solved, balanced, residual, shift
     matrix, owner, _ = stiffness_of(frame, now, after, best, 1.0)
@@ -225,9 +221,8 @@ def _part_of_friction(frame, command, force):
 
 
 @inner
-def _take(frame, state, target, part, best, after, account):
+def _take(frame, x, gained, command, yaw, target, part, best, after, account):
     """Apply a part of a ramp to the state, and write its account."""
-    x, gained, command, yaw = state
     n = x.shape[0]
     force = np.empty((n, 2))
     size = np.empty(n)
@@ -257,20 +252,18 @@ def _take(frame, state, target, part, best, after, account):
 
 
 @inner
-def _advance(frame, state, target, tolerance, velocity, books, best):
+def _advance(frame, x, gained, command, yaw, target, tolerance, velocity, account, progress, best):
     """Follow a ramp to the next event, or as far as the tolerance allows; return the part of the way, 0 if none.
 
     Lengths are parts of the whole ramp, parts belong to what is left of it. `aim` is the event that is aimed at,
     `wanted` the length that the tolerance allows; each trial corrects one of them.
     """
-    account, progress = books
-    way = state[0], state[2], target
     n = velocity.shape[0]
     place = progress[PLACE]
     rest = 1.0 - place
     force = np.empty((n, 2))
     after = np.empty((n, 2))
-    first, determined = predict_first_slide(frame, way, AT_ONCE * tolerance, velocity, force)
+    first, determined = predict_first_slide(frame, x, command, target, AT_ONCE * tolerance, velocity, force)
     fastest = farthest(velocity, n)
     if first < np.inf and fastest > 0.0 and frame.directions.shape[0] == 0:  # paths with polygons are straight
         first += _BEYOND * tolerance / fastest
@@ -278,12 +271,12 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
     aim = first * rest
     if fastest > 0.0:
         aim = snap(frame, place, aim, _BEYOND * tolerance * rest / fastest)
-    rounding = _RESOLVED * (farthest(frame.position, n) + farthest(state[0], n))
+    rounding = _RESOLVED * (farthest(frame.position, n) + farthest(x, n))
     wanted = progress[LENGTH]
     longest = (
         progress[LONGEST]
         if progress[LONGEST] > 0.0
-        else settles_within(frame, state[2], velocity, AT_ONCE * tolerance) * rest
+        else settles_within(frame, command, velocity, AT_ONCE * tolerance) * rest
     )
     longer = crossed = np.inf, np.inf
     stops = 0
@@ -291,9 +284,11 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         length = min(wanted, aim, rest)
         part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
         share = max(tolerance * max(length, _LEAST_SHARE), rounding)
-        limits = max(share, _SPENT * progress[LEFT]), tolerance, longest / rest, determined
+        allowed = max(share, _SPENT * progress[LEFT])
         # a longer part may miss more: in proportion to its length, and what earlier parts have left
-        outcome, error, growth, unique = extrapolate_part(frame, way, part, velocity, force, limits, best)
+        outcome, error, growth, unique = extrapolate_part(
+            frame, x, command, target, part, velocity, force, allowed, tolerance, longest / rest, determined, best
+        )
         # an event lies within the part: aim at it, just beyond a start or just short of a stop
         if outcome == START:
             beyond = _BEYOND * tolerance
@@ -314,11 +309,12 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
         else:
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
-                ending = limits[0], outcome == AT_END
-                solved, lasts, residual, shift = _finish_part(frame, state, target, part, best, after, ending)
+                solved, lasts, residual, shift = _finish_part(
+                    frame, x, command, target, part, best, after, allowed, outcome == AT_END
+                )
                 settled = solved and lasts
                 # a fall that ends far away begins before the end of the part
-                if settled and shift > limits[0] and length > _LEAST_FALL:
+                if settled and shift > allowed and length > _LEAST_FALL:
                     aim = _SHORT_OF * length
                     continue
                 if settled:
@@ -327,8 +323,8 @@ def _advance(frame, state, target, tolerance, velocity, books, best):
                     after_this = round_down(frame, min(max(growth, 0.3), _LONGER) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     progress[LONGEST] = 0.0 if length >= aim else _LONGER * length
-                    _take(frame, state, target, part, best, after, account)
-                    unique = unique and (frame.vector or is_held(frame, state[2], after, best))
+                    _take(frame, x, gained, command, yaw, target, part, best, after, account)
+                    unique = unique and (frame.vector or is_held(frame, command, after, best))
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
                     return part
                 if length < _LEAST_FALL:
@@ -358,15 +354,18 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
     """
     n = velocity.shape[0]
     frame = Frame(*fields)
+    x, gained, command, yaw = state
     best = np.zeros((n + 2, 2))
-    if (state[2] == target).all():
+    if (command == target).all():
         progress[PLACE] = 1.0
     parts = 0
     begin = progress[PLACE]
     while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
         progress[PATIENCE] -= 1.0
         creeps = parts == _CREEPING * n and progress[PLACE] - begin < _LEAST_FALL and not frame.vector
-        part = 0.0 if creeps else _advance(frame, state, target, tolerance, velocity, (account, progress), best)
+        part = 0.0
+        if not creeps:
+            part = _advance(frame, x, gained, command, yaw, target, tolerance, velocity, account, progress, best)
         if part == 0.0:
             for i in range(n):
                 for c in range(2):
@@ -383,7 +382,7 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
         progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
         if frame.vector:
             continue
-        margin = least_eigenvalue(stiffness_of(frame, state[2], state[0], best, 2.0)[0])
+        margin = least_eigenvalue(stiffness_of(frame, command, x, best, 2.0)[0])
         progress[MARGIN] = min(progress[MARGIN], margin)
     return True
 
@@ -400,18 +399,18 @@ def complete_ramp(fields, state, target, account, progress):
     Returns:
         Whether it was solved; else nothing has changed.
     """
-    x = state[0]
+    x, gained, command, yaw = state
     n = x.shape[0]
     frame = Frame(*fields)
     best = np.zeros((n + 2, 2))
     after = np.empty((n, 2))
     if not approach(frame, target, x, after, np.empty((n, 2))):
         return False
-    walked, _ = take_equal_steps(frame, (x, state[2], target), (1.0, 1, False), after - x, best, np.empty((n, 2)))
-    solved, _, residual, _ = _finish_part(frame, state, target, 1.0, best, after, (0.0, False))
+    walked, _ = take_equal_steps(frame, x, command, target, 1.0, 1, False, after - x, best, np.empty((n, 2)))
+    solved, _, residual, _ = _finish_part(frame, x, command, target, 1.0, best, after, 0.0, False)
     if not (walked and solved):
         return False
     account[RESIDUAL] += residual
-    _take(frame, state, target, 1.0, best, after, account)
+    _take(frame, x, gained, command, yaw, target, 1.0, best, after, account)
     progress[PLACE] = 1.0
     return True

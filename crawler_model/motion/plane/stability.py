@@ -56,9 +56,8 @@ def _list_axes(frame, command, moved, freedom, owner, axis, first):
 
 
 @lean
-def _add(matrix, axis, first, i, j, block, corner):
-    """Add the coupling of two points, in the lower band: two rows and columns of the block, from its corner on."""
-    u, v = corner
+def _add(matrix, axis, first, i, j, block, u, v):
+    """Add the coupling of two points, in the lower band: two rows and columns of the block, from u and v on."""
     for p in range(first[i, 0], first[i, 1]):
         for q in range(first[j, 0], first[j, 1]):
             if p >= q:
@@ -121,7 +120,7 @@ def stiffness_of(frame, command, x, moved, freedom):
         points = 2 if frame.points[k, 2] < 0 else 3
         for p in range(points):
             for q in range(points):
-                _add(matrix, axis, first, frame.points[k, p], frame.points[k, q], block, (2 * p, 2 * q))
+                _add(matrix, axis, first, frame.points[k, p], frame.points[k, q], block, 2 * p, 2 * q)
     if freedom == 1.0:
         _add_frames(frame, command, x, axis, first, matrix)
     for p in range(count):

@@ -33,14 +33,12 @@ _LONGEST = 0.25
 
 
 @lean
-def _join(system, i, j, block, corner):
+def _join(rows, place, jump, band, right, reach, i, j, block, u, v):
     """Add how the miss of point i, which moves, changes with the position of j, by the change of the force on i.
 
-    Its negative consists of two rows and columns of the block, from its corner on. A point that sticks moves by `jump`,
+    Its negative consists of two rows and columns of the block, from u and v on. A point that sticks moves by `jump`,
     which belongs to the right side.
     """
-    rows, place, jump, band, right, reach = system
-    u, v = corner
     other = place[j]
     for p in range(2):
         r = 2 * place[i] + p
@@ -69,9 +67,8 @@ def _reach_of(frame, place):
 
 
 @lean
-def _assemble(frame, command, x, eta, system, block):
+def _assemble(frame, command, x, eta, rows, place, jump, band, right, reach, block):
     """Write the matrix and the right side of a Newton step; `block` is memory, shape (6, 6)."""
-    rows, place, jump, band, right, reach = system
     middle = 2 * reach
     for i in range(x.shape[0]):
         if place[i] < 0:
@@ -110,7 +107,7 @@ def _assemble(frame, command, x, eta, system, block):
         for p in range(count):
             i = frame.points[k, p]
             for q in range(count if place[i] >= 0 else 0):
-                _join(system, i, frame.points[k, q], block, (2 * p, 2 * q))
+                _join(rows, place, jump, band, right, reach, i, frame.points[k, q], block, 2 * p, 2 * q)
 
 
 @inner
@@ -136,7 +133,7 @@ def find_step(frame, command, x, rows, step, eta):
     reach = min(_reach_of(frame, place), 2 * count - 1)
     band = np.zeros((2 * count, 3 * reach + 1))
     right = np.empty(2 * count)
-    _assemble(frame, command, x, eta, (rows, place, step, band, right, reach), np.empty((6, 6)))
+    _assemble(frame, command, x, eta, rows, place, step, band, right, reach, np.empty((6, 6)))
     pivot = solve_band(band, reach, right)
     for i in range(n):
         if place[i] >= 0:
@@ -168,12 +165,11 @@ def _hold(frame, eta, anchor, x, force, size):
 
 
 @inner
-def _search(frame, command, base, anchor, x, force, springs):
+def _search(frame, command, base, anchor, x, force, eta, bold):
     """Search the solution of an implicit step from a guess, with springs to an anchor; else as `solve_stage`.
 
-    `springs` has their stiffness as in `solve_stage`, and whether the search is bold.
+    `eta` is their stiffness as in `solve_stage`.
     """
-    eta, bold = springs
     n = x.shape[0]
     size = np.empty(n)
     rows = np.empty((n, 13))
@@ -236,17 +232,17 @@ def solve_stage(frame, command, base, x, force, eta):
         Whether it is solved to rounding, and whether its matrix is regular.
     """
     guess = x if frame.vector else x.copy()
-    solved, regular = _search(frame, command, base, base, x, force, (eta, True))
+    solved, regular = _search(frame, command, base, base, x, force, eta, True)
     if solved or frame.vector:
         return solved, regular
     assign(x, guess)
-    solved, regular = _search(frame, command, base, base, x, force, (eta, False))
+    solved, regular = _search(frame, command, base, base, x, force, eta, False)
     if solved or eta > 0.0:
         return solved, regular
     assign(x, base)
     for rung in range(_RUNGS + 1):
         more = _SOFTER**rung if rung < _RUNGS else 0.0
-        solved, regular = _search(frame, command, base, base, x, force, (more, False))
+        solved, regular = _search(frame, command, base, base, x, force, more, False)
         if not solved:
             break
     return solved, regular
@@ -292,11 +288,11 @@ def approach(frame, command, base, x, force):
     more = 1.0
     for _ in range(_MOST_APPROACHES):
         assign(x, anchor)
-        if not _search(frame, command, base, anchor, x, force, (more, True))[0]:
+        if not _search(frame, command, base, anchor, x, force, more, True)[0]:
             more *= 4.0
             continue
         assign(anchor, x)
         more *= _SOFTER
-        if _search(frame, command, base, base, x, force, (0.0, True))[0]:
+        if _search(frame, command, base, base, x, force, 0.0, True)[0]:
             return True
     return False

@@ -69,12 +69,14 @@ def work_of(frame, x, before, after):
 
 
 @inner
-def take_equal_steps(frame, way, parts, step, total, slid):
+def take_equal_steps(frame, start, command, target, part, pieces, determined, step, total, slid):
     """Take part of the way in equal steps.
 
     Args:
-        way: displacements at the start, the command in force, the end of the ramp.
-        parts: part of the way to the target; number of steps; whether the translation is determined at the start.
+        start: displacements at the start, shape (N, 2) [m].
+        part: part of the way to the target.
+        pieces: number of steps.
+        determined: whether the translation is determined at the start.
         step: guess of the first step, changed in place, shape (N, 2) [m].
         total: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
         slid: output: number of steps in which each point slid, and the longest of these steps, shape (N, 2).
@@ -82,8 +84,6 @@ def take_equal_steps(frame, way, parts, step, total, slid):
     Returns:
         Whether all were solved; whether all are unique.
     """
-    start, command, target = way
-    part, pieces, determined = parts
     n = start.shape[0]
     base = start.copy()
     x = np.empty((n, 2))
@@ -133,13 +133,12 @@ def _blur(start, i, friction):
 
 
 @lean
-def _foresee(frame, way, moved, expected, force, negligible):
+def _foresee(frame, start, command, moved, expected, force, negligible):
     """Find whether a point starts inside a part of the way, from the forces at its start, or stops at once.
 
     Returns the outcome, TAKEN if none does, an estimate of the part of the part up to there, and by how much the first
     point to start has moved, infinite if a point stops.
     """
-    start, command, _ = way
     first = 1.0
     started = 0.0
     stops = False
@@ -168,7 +167,7 @@ def _foresee(frame, way, moved, expected, force, negligible):
 
 
 @inner
-def _find_crossing(frame, way, part, moved, force, negligible):
+def _find_crossing(frame, start, command, target, part, moved, force, negligible):
     """Estimate the part of a step up to where the force on a point that slides changes to another quarter of its set.
 
     The boundary has another curvature there, and so have paths: extrapolation across it converges only by chance.
@@ -177,7 +176,6 @@ def _find_crossing(frame, way, part, moved, force, negligible):
     """
     if frame.vector:
         return 1.0
-    start, command, target = way
     n = start.shape[0]
     now = np.empty(command.shape[0])
     x = np.empty((n, 2))
@@ -246,7 +244,7 @@ def _growth(allowed, error, last, pieces):
 
 
 @inner
-def _missed(frame, way, moved, force, negligible):
+def _missed(frame, start, command, moved, force, negligible):
     """Bound the error of an implicit step of vector springs, taken as a straight path.
 
     While the sets of friction forces change linearly, too, the path is exact if it is normal to them at its start, as
@@ -257,7 +255,6 @@ def _missed(frame, way, moved, force, negligible):
 
     Returns the bound [m].
     """
-    start, command, _ = way
     energy = 0.0
     for i in range(start.shape[0]):
         v0 = moved[i, 0]
@@ -283,7 +280,9 @@ def _missed(frame, way, moved, force, negligible):
 
 
 @inner
-def extrapolate_part(frame, way, part, velocity, force, limits, best):
+def extrapolate_part(
+    frame, start, command, target, part, velocity, force, allowed, tolerance, longest, determined, best
+):
     """Compute the displacement over a part of the way and its error.
 
     Walks of 1, 2, 3 ... implicit steps are extrapolated in 1 / steps (Aitken and Neville), whose error is a series in
@@ -291,12 +290,14 @@ def extrapolate_part(frame, way, part, velocity, force, limits, best):
     where one starts or stops.
 
     Args:
-        way: displacements at the start, shape (N, 2) [m]; the command in force and the end of the ramp, shape (C,).
+        start: displacements at the start, shape (N, 2) [m].
         part: part of the way to the target.
         velocity: at the start, shape (N, 2) [m per unit of the way].
         force: that friction balances at the start, shape (N, 2) [N].
-        limits: the error allowed for this part, and the tolerance of the whole ramp [m]; the longest part that is
-            followed in several steps; whether the velocities are unique.
+        allowed: the error allowed for this part [m].
+        tolerance: of the whole ramp [m].
+        longest: the longest part that is followed in several steps.
+        determined: whether the velocities are unique.
         best: output: displacement gained; then dissipation and work; then the work of the loads, shape (N + 2, 2).
 
     Returns:
@@ -304,7 +305,6 @@ def extrapolate_part(frame, way, part, velocity, force, limits, best):
         started has moved [m]; the factor for the length of this part, or of the next one where it is done; and whether
         the displacement is unique.
     """
-    allowed, tolerance, longest, determined = limits
     n = velocity.shape[0]
     negligible = AT_ONCE * tolerance
     slid = np.empty((n, 2))
@@ -317,12 +317,13 @@ def extrapolate_part(frame, way, part, velocity, force, limits, best):
     unique = True
     total = 0.0
     for i in range(n):
-        total += friction_of(frame, way[1], i)[2]
+        total += friction_of(frame, command, i)[2]
         for c in range(2):
             expected[i, c] = step[i, c] = part * velocity[i, c]
     per_force = 1.0 / total if total > 0.0 else 0.0
     for pieces in range(1, _WALKS + 1):
-        solved, also = take_equal_steps(frame, way, (part, pieces, determined and pieces == 1), step, best, slid)
+        keeps = determined and pieces == 1
+        solved, also = take_equal_steps(frame, start, command, target, part, pieces, keeps, step, best, slid)
         unique = unique and also
         if not solved:
             return FAILED, np.inf, 0.5, True
@@ -332,15 +333,15 @@ def extrapolate_part(frame, way, part, velocity, force, limits, best):
             if farthest(best, n) == 0.0:
                 return TAKEN, 0.0, 4.0, True
             if frame.vector:
-                error = _missed(frame, way, best, force, _AT_ONE_PLACE * negligible)
+                error = _missed(frame, start, command, best, force, _AT_ONE_PLACE * negligible)
                 if error <= allowed:
                     return AT_END, error, 4.0, unique
-                if part > longest and settling_way(frame, way[1], best, force) > allowed:
+                if part > longest and settling_way(frame, command, best, force) > allowed:
                     return LONG, np.inf, longest / part, unique
-            outcome, factor, moves = _foresee(frame, way, best, expected, force, negligible)
+            outcome, factor, moves = _foresee(frame, start, command, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
-            crossing = _find_crossing(frame, way, part, best, force, negligible)
+            crossing = _find_crossing(frame, start, command, target, part, best, force, negligible)
             if crossing < 1.0:
                 return CROSS, np.inf, crossing, unique
         elif not _same_points(one, slid, pieces, negligible):
@@ -364,7 +365,7 @@ def extrapolate_part(frame, way, part, velocity, force, limits, best):
             for c in range(2):
                 step[i, c] = one[i, c] / (pieces + 1.0)
     if error <= tolerance:  # a single step may end short of a change
-        crossing = _find_crossing(frame, way, part, best, force, negligible)
+        crossing = _find_crossing(frame, start, command, target, part, best, force, negligible)
         if crossing < 1.0:
             return CROSS, np.inf, crossing, unique
     return TAKEN, error, growth, unique

@@ -103,7 +103,7 @@ def test_rounding_of_short_displacements_does_not_shorten_parts():
 
 @compiled
 def missed(frame, way, moved, force, negligible):
-    return _missed(frame, way, moved, force, negligible)
+    return _missed(frame, way[0], way[1], moved, force, negligible)
 
 
 @pytest.mark.parametrize("directional", [False, True])
