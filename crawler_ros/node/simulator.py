@@ -35,6 +35,7 @@ from .measured import MeasuredTopics
 from .outgoing import Outgoing, Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
+from .simulation_services import open_simulation_services
 from .stepper import Stepper
 from .ticks import Ticks, compile_ticks
 
@@ -157,31 +158,51 @@ class Simulator(QuietNode):
         handlers = {"reset": self._on_reset, "step": self._on_step, "pause": self._on_pause}
         for name, kind in read_services().items():
             self.create_service(message_class(kind), f"~/{name}", handlers[name])
+        open_simulation_services(self)
 
     # -- services and parameters ------------------------------------------------------------------------------------
 
-    def _on_reset(self, _: Any, response: Any) -> Any:
+    def reset(self) -> None:
+        """Return to the start of the scene and to simulated time 0."""
         with self.lock:
             self.stepper.reset(time.monotonic_ns())
             self.reported = TickCounts(late=self.reported.late)
             self.reported_commands = self.reported_commands._replace(ticks=0)
             self.ticks.reset()
+
+    def pause(self, paused: bool) -> None:
+        """Pause simulated time, or let it go on.
+
+        Args:
+            paused: whether to pause.
+        """
+        with self.lock:
+            self.stepper.pause(paused, time.monotonic_ns())
+
+    def step(self) -> bool:
+        """Run one tick while paused.
+
+        Returns:
+            Whether it was paused.
+        """
+        with self.lock:
+            if self.stepper.paused:
+                self.ticks.run(shown=True)
+            return self.stepper.paused
+
+    def _on_reset(self, _: Any, response: Any) -> Any:
+        self.reset()
         response.success, response.message = True, "at the scene's start, simulated time 0"
         return response
 
     def _on_step(self, _: Any, response: Any) -> Any:
-        with self.lock:
-            if not self.stepper.paused:
-                response.success, response.message = False, "not paused: call ~/pause with data true first"
-                return response
-            self.ticks.run(shown=True)
-            seconds = self.stepper.now_ns / NS
-        response.success, response.message = True, f"at simulated time {seconds:.9f} s"
+        response.success = self.step()
+        text = f"at simulated time {self.stepper.now_ns / NS:.9f} s"
+        response.message = text if response.success else "not paused: call ~/pause with data true first"
         return response
 
     def _on_pause(self, request: Any, response: Any) -> Any:
-        with self.lock:
-            self.stepper.pause(bool(request.data), time.monotonic_ns())
+        self.pause(bool(request.data))
         response.success, response.message = True, "paused" if request.data else "playing"
         return response
 
