@@ -241,7 +241,7 @@ class TangentPath:
         count = targets.shape[0]
         records = np.empty((count, 2 * n + springs))
         contacts, begin_tension = self._state.contacts, np.array(self._state.tension)
-        begin_x = contacts["x"] + contacts["rest"]
+        begin_x = contacts["x"] + contacts["residue"]
         pieces = self._find_pieces(targets, records, steady)
         tensions = np.vstack((begin_tension[None], records[:-1, 2 * n :]))
         elongations = self._find_elongations(np.vstack((begin_x[None], records[:, :n] + records[:, n : 2 * n])), pieces)

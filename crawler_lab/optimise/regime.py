@@ -110,7 +110,7 @@ def _run_each(
         records = np.empty((len(period), 2 * n + body.springs))
         motion.follow(state, scratch, period, True, budget, account, records)
         stored = body.energy(state.tension, state.displacement, state.actuation) - energy
-        moved = (state.contacts["x"] - begin.contacts["x"]) + (state.contacts["rest"] - begin.contacts["rest"])
+        moved = (state.contacts["x"] - begin.contacts["x"]) + (state.contacts["residue"] - begin.contacts["residue"])
         repeats = tensions_repeat(body, period, determining_tension(body, state), tension, _REPEATS)
         lost = account[OVERSPENT] + account[UNSOLVED] > 0.0
         found.append((moved @ body.share, account[WORK] - work - stored, bool(repeats), lost))
@@ -195,7 +195,7 @@ def find_peak(cycle: Cycle) -> float:
 def _find_peak_of_bends(body: Body, begin: Any, met: np.ndarray, period: np.ndarray, ends: np.ndarray) -> float:
     """Find the largest tension at the ends of the pieces of a period, from the lengths of the springs."""
     n, ramps = body.contacts, met[:, RAMP].astype(np.int64)
-    starts = np.vstack((begin.contacts["x"] + begin.contacts["rest"], ends[:, :n] + ends[:, n : 2 * n]))
+    starts = np.vstack((begin.contacts["x"] + begin.contacts["residue"], ends[:, :n] + ends[:, n : 2 * n]))
     lengths = np.vstack((begin.actuation, period[:, : body.springs]))
     tension = [body.tension(body.elongation(starts), lengths)]
     for ramp in np.unique(ramps):

@@ -30,10 +30,10 @@ def move(c, distance):
     """
     gained = c.gained + distance
     c.gained = gained if abs(gained) > _RETURNED * abs(distance) else 0.0
-    step = distance + c.rest
+    step = distance + c.residue
     before = c.x
     c.x = before + step
-    c.rest = (before - c.x) + step
+    c.residue = (before - c.x) + step
 
 
 @inlined

@@ -28,7 +28,7 @@ BEGINS = 1e-300
 def leave_bounds(c, ramp):
     """Mark a contact as inside the bounds that it left before the present place on the ramp."""
     if c.leaving != 0 and c.since < place_of(c, ramp):
-        c.at &= ~c.leaving
+        c.bounds_met &= ~c.leaving
         c.leaving = 0
 
 
@@ -53,7 +53,7 @@ def list_contact(contacts, listed, i, count):
 def _is_wall(c, ramp):
     """Determine whether a contact is strictly inside its bounds, and so rests; in an implicit step none is."""
     leave_bounds(c, ramp)
-    return c.at == 0 and not ramp.stepping
+    return c.bounds_met == 0 and not ramp.stepping
 
 
 @lean
@@ -91,14 +91,14 @@ def _enter(contacts, springs, model, ramp, row, i):
     e.load = 0.0 if ramp.fall.falling else c.pull
     if ramp.stepping:
         pull = find_pull(contacts, springs, model, model.curves, i)
-        e.load = (c.force - pull) + ramp.part * c.pull
-        e.upper = (c.forward + ramp.part * c.d_forward) - pull
-        e.lower = -(c.backward + ramp.part * c.d_backward) - pull
+        e.load = (c.force - pull) + ramp.fraction * c.pull
+        e.upper = (c.forward + ramp.fraction * c.d_forward) - pull
+        e.lower = -(c.backward + ramp.fraction * c.d_backward) - pull
         e.blur = _blur_of_step(contacts, springs, model, model.curves, c)
     else:
         moves = not ramp.fall.falling or c.since < 0.0  # else it has yet to be drawn into the fall
-        e.upper = (c.d_forward if moves else 0.0) if c.at & FORWARD else np.inf
-        e.lower = (-c.d_backward if moves else 0.0) if c.at & BACKWARD else -np.inf
+        e.upper = (c.d_forward if moves else 0.0) if c.bounds_met & FORWARD else np.inf
+        e.lower = (-c.d_backward if moves else 0.0) if c.bounds_met & BACKWARD else -np.inf
         changing = moves and (c.d_forward != 0.0 or c.d_backward != 0.0)
         e.blur = abs(c.forward) + abs(c.backward) if changing else 0.0
         enter_ground(c, e, model.ground, ramp, i, 0.0)
@@ -121,7 +121,7 @@ def _enter_spring(springs, e, ramp, j, sign):
         if not ramp.fall.falling:
             e.trial = -sign * spring.stiffness * spring.d_length
         if ramp.stepping:
-            e.trial = ramp.part * e.trial + sign * spring.tension
+            e.trial = ramp.fraction * e.trial + sign * spring.tension
 
 
 @lean

@@ -280,7 +280,7 @@ def build_contacts(body: Body, x: np.ndarray, tension: np.ndarray, bounds: np.nd
     above, below = forward - force, force + backward
     at_forward = (friction == 0.0) | ((above <= near) & (above <= below))
     at_backward = (friction == 0.0) | ((below <= near) & (below < above))
-    contacts["at"] = FORWARD * at_forward + BACKWARD * at_backward
+    contacts["bounds_met"] = FORWARD * at_forward + BACKWARD * at_backward
     return contacts
 
 

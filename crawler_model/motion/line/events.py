@@ -116,7 +116,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
         if side == 0:  # at rest; it stays at its bound if its force changes as the bound does
             close = ROUNDING * (e.scale + e.blur)
             side = 1 if e.force >= e.upper - close else (-1 if e.force <= e.lower + close else 0)
-        if side != 0 and not c.at & (FORWARD if side > 0 else BACKWARD):
+        if side != 0 and not c.bounds_met & (FORWARD if side > 0 else BACKWARD):
             side = 0  # it has just come to rest on a border beyond which the ground holds more
         c.side = side  # the force then changes with the bound, and starts from it without rounding
         c.force_rate = e.force if side == 0 else (e.upper if side > 0 else e.lower)
@@ -124,9 +124,9 @@ def _hold_sides(contacts, springs, model, ramp, count):
         if side != 0:
             held = FORWARD if side > 0 else BACKWARD
             c.force = c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
-            if c.at == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:  # no room between the bounds
+            if c.bounds_met == FORWARD | BACKWARD and c.d_forward + c.d_backward <= 0.0:  # no room between the bounds
                 held = FORWARD | BACKWARD
-        c.leaving = c.at & ~held  # it counts as at the bound for this instant, see `leave_bounds`
+        c.leaving = c.bounds_met & ~held  # it counts as at the bound for this instant, see `leave_bounds`
         note_state(model.pieces, ramp, c, e.contact)
         leave_border(c, model.ground, ramp, e.contact)
         follow_ground(c, model.ground, ramp, e.contact)
@@ -186,7 +186,7 @@ def solve_listed(contacts, springs, model, ramp, count):
     before = ramp.search.block
     for j in range(count):
         i = model.listed[j]
-        acts = contacts[i].at != 0 or is_coupled(couplings_of(model.ground))
+        acts = contacts[i].bounds_met != 0 or is_coupled(couplings_of(model.ground))
         solves = ramp.stepping or (acts and contacts[i].mark <= before)
         if solves and not _solve_around(contacts, springs, model, ramp, i):
             return False
@@ -200,7 +200,7 @@ def _list_blocks(contacts, model, ramp, count):
         c = contacts[i]
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
-        if c.at != 0:
+        if c.bounds_met != 0:
             count = list_contact(contacts, model.listed, i, count)
     return count
 
@@ -212,7 +212,7 @@ def _stop(contacts, springs, model, ramp, i, count):
     for k in range(c.first, c.last):
         o = contacts[model.ends[k].other]
         leave_bounds(o, ramp)
-        if o.at != 0:
+        if o.bounds_met != 0:
             count = list_contact(contacts, model.listed, model.ends[k].other, count)
         else:
             spring = springs[model.ends[k].spring]
@@ -244,7 +244,7 @@ def _meet(contacts, springs, model, ramp):
             pass  # the body is solved anew
         else:
             note_arrival(model.pieces, ramp, c, i)
-            c.at |= c.coming
+            c.bounds_met |= c.coming
             c.v = BEGINS if c.coming == FORWARD else -BEGINS
         schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.listed, i, count)
@@ -262,10 +262,10 @@ def _touch_stopped(contacts, springs, model, ramp, count):
     for j in range(count):
         i = model.listed[j]
         contacts[i].listed = 0
-        if contacts[i].at == 0:
+        if contacts[i].bounds_met == 0:
             for k in range(contacts[i].first, contacts[i].last):
                 o = model.ends[k].other
-                if contacts[o].at == 0 and (not ramp.fall.falling or contacts[o].since < 0.0):
+                if contacts[o].bounds_met == 0 and (not ramp.fall.falling or contacts[o].since < 0.0):
                     _touch_wall(contacts, springs, model, ramp, o)
             _touch_wall(contacts, springs, model, ramp, i)
 
@@ -276,7 +276,7 @@ def _schedule_resting(contacts, springs, model, ramp):
     if ramp.begun:
         return
     for i in range(contacts.shape[0]):
-        if contacts[i].at == 0:
+        if contacts[i].bounds_met == 0:
             schedule_next(contacts, springs, model, ramp, i)
 
 

@@ -76,7 +76,7 @@ def _begin(contacts, springs, model, ramp, target):
     ramp.span = span
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        if c.at == 0:
+        if c.bounds_met == 0:
             c.v = 0.0
             c.force_rate = c.pull
     return changed
@@ -117,7 +117,7 @@ def _finish_spring(contacts, springs, spring, model, ramp, length):
         advance_spring(spring, model.curves, ramp, ramp.s)
         spring.length = length if ramp.s == 1.0 else spring.length + ramp.s * spring.d_length
         if spring.moved:
-            z = (b.x - a.x) + (b.rest - a.rest)
+            z = (b.x - a.x) + (b.residue - a.residue)
             tension = spring.stiffness * (z - spring.length)
             leash = leash_of(contacts, spring, ramp)
             kept = min(max(spring.tension, tension - leash), tension + leash)
@@ -255,7 +255,7 @@ def _record(contacts, springs, curves, account, row):
     """Write displacements, their rounding rests and tensions to a row of the records, and what was spent."""
     n, count = contacts.shape[0], springs.shape[0]
     for i in range(n):
-        row[i], row[n + i] = contacts[i].x, contacts[i].rest
+        row[i], row[n + i] = contacts[i].x, contacts[i].residue
     for j in range(count):
         row[2 * n + j] = springs[j].tension
     if row.shape[0] > 2 * n + count:

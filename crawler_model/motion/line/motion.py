@@ -221,7 +221,7 @@ class LineMotion:
             bounds = np.concatenate(self.track.local_bounds(bounds, self.body.position, x))
         contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
         if feet is not None:
-            contacts["at"] &= ~feet["walled"]
+            contacts["bounds_met"] &= ~feet["walled"]
         sliders = build.build_sliders(self.body, springs["elongation"])
         led = None if play is None else commanded[..., play.springs].copy()
         return LineState(contacts, springs, loaded, feet, sliders, led, play)

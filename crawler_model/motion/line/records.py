@@ -23,13 +23,13 @@ adds to it."""
 
 CONTACT_STATE = [
     ("x", _FLOAT),  # displacement, where it was last advanced [m]
-    ("rest", _FLOAT),  # what rounding left out of it [m]
+    ("residue", _FLOAT),  # what rounding left out of it [m]
     ("gained", _FLOAT),  # displacement gained since `follow` was called [m]
     ("forward", _FLOAT),  # largest spring force that holds the contact, at s = 0 [N]
     ("backward", _FLOAT),  # largest spring force in the other direction, at s = 0 [N]
     ("load", _FLOAT),  # force along the ground, at s = 0, contained in both bounds [N]
     ("v", _FLOAT),  # velocity; between ramps the last one's, whose sign begins the search for the next
-    ("at", _BYTE),  # bounds that the spring force is at, as bits
+    ("bounds_met", _BYTE),  # bounds that the spring force is at, as bits
 ]
 """Fields of a contact that last from ramp to ramp: they, and the fields of a spring, are the state of a body."""
 
@@ -322,7 +322,7 @@ RAMP = np.dtype(
         ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0
         ("end", _FLOAT),  # where that ends: 1, in a fall a hair before 0
         ("stepping", _BYTE),  # whether the ramp is one implicit step
-        ("part", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
+        ("fraction", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("begun", _BYTE),  # whether the first stretch has begun, and the tournament holds all events
         ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
         ("effort", _LONG),  # contacts solved so far, counted in every round

@@ -92,7 +92,7 @@ def _wake_contacts(contacts, springs, run, ramp):
         way = run.way + stretch * run.time + compliance * run.pull
         moment = run.way_moment + stretch * run.time_moment + compliance * run.pull_moment
         c.v = run.v + (stretch + compliance * run.rate)
-        if c.at & FORWARD:
+        if c.bounds_met & FORWARD:
             ramp.account.dissipation += c.forward * way + c.d_forward * moment
         else:
             ramp.account.dissipation -= c.backward * way + c.d_backward * moment
@@ -203,7 +203,7 @@ def enter_run(contacts, runs, e, k):
         return
     run = runs[k]
     e.run, e.contact = k, run.last
-    e.side = 1 if contacts[run.last].at & FORWARD else -1
+    e.side = 1 if contacts[run.last].bounds_met & FORWARD else -1
     e.upper = e.lower = run.rise
     e.blur = 0.0
     e.spring, e.sign = run.first - 1, 1.0
@@ -257,7 +257,7 @@ def _form_leaf(contacts, springs, block, run, ramp, j):
     for t in range(ramp.search.leaf_size):
         e = block[j + t]
         c = contacts[e.contact]
-        if not _sleeps_soundly(c, e) or c.at == FORWARD | BACKWARD:
+        if not _sleeps_soundly(c, e) or c.bounds_met == FORWARD | BACKWARD:
             return False
     e = block[j]
     _begin_run(run, ramp, e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)

@@ -23,14 +23,14 @@ def _keep_step(contacts, springs, model, count):
         c = contacts[e.contact]
         c.side = e.side
         c.force_rate = e.force + find_pull(contacts, springs, model, model.curves, e.contact)
-        c.at = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
+        c.bounds_met = FORWARD if e.side > 0 else (BACKWARD if e.side < 0 else 0)
         if e.side != 0 and e.upper == e.lower:
-            c.at = FORWARD | BACKWARD
+            c.bounds_met = FORWARD | BACKWARD
 
 
 @lean
 def _solve_step(contacts, springs, model, curves, ramp):
-    """Solve for the part of an implicit step that `ramp.part` tells; returns False if no solution was found.
+    """Solve for the part of an implicit step that `ramp.fraction` tells; returns False if no solution was found.
 
     Flat springs divide the body, and each part is solved by itself. Where the solution leads bent springs beyond knots,
     it is solved anew with their pieces there (Newton's method for a piecewise linear function).
@@ -84,13 +84,13 @@ def take_step(contacts, springs, model, ramp):
     ramp.stepping = 1
     keep_part(contacts, model.curves, solved)
     while solved < 1.0:
-        ramp.part = min(solved + step, 1.0)
+        ramp.fraction = min(solved + step, 1.0)
         ramp.search.hurries = step > _SMALLEST_PART
         if _solve_step(contacts, springs, model, model.curves, ramp):
-            if divided and ramp.part == 1.0:
+            if divided and ramp.fraction == 1.0:
                 divided = False
             else:
-                solved, step = ramp.part, 2.0 * step
+                solved, step = ramp.fraction, 2.0 * step
                 keep_part(contacts, model.curves, solved)
         elif ramp.search.hurries and ramp.effort <= most:
             step, divided = 0.5 * step, True

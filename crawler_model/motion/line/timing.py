@@ -21,7 +21,7 @@ def _find_arrival(c, springs, ends, ground, ramp, i):
     s, when, closing = ramp.s, np.inf, 0.0
     above = c.force_rate - c.d_forward
     below = -c.force_rate - c.d_backward
-    passed = c.at | blocked_sides(ground, i)
+    passed = c.bounds_met | blocked_sides(ground, i)
     if above > 0.0 and not passed & FORWARD:
         when, closing = s + max(c.forward + s * c.d_forward - c.force, 0.0) / above, above
         c.coming = FORWARD
@@ -61,7 +61,7 @@ def schedule_next(contacts, springs, model, ramp, i):
     c = contacts[i]
     when = find_wall(c, model.ground, i, find_meeting(c, model.ground, i))
     when = find_catch(c, model.ground, ramp, when)
-    if c.at == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
+    if c.bounds_met == 0 or c.side == 0 or c.d_forward + c.d_backward < 0.0:
         border = c.coming
         other = _find_arrival(c, springs, model.ends, model.ground, ramp, i)
         if other < when:

@@ -27,9 +27,9 @@ def _slack(c, ground, ramp, i, when):
     ds = s - c.since
     force = c.force + c.force_rate * ds
     above, below = c.forward + s * c.d_forward - force, c.backward + s * c.d_backward + force
-    if c.at & FORWARD:
+    if c.bounds_met & FORWARD:
         above = ds * (c.d_forward - c.force_rate)
-    if c.at & BACKWARD:
+    if c.bounds_met & BACKWARD:
         below = ds * (c.d_backward + c.force_rate)
     blocked = blocked_sides(ground, i)
     if blocked & FORWARD:
@@ -43,11 +43,11 @@ def _slack(c, ground, ramp, i, when):
 def _distance(contacts, springs, model, ramp, i, when, limit):
     """Find how far the force on a contact is from its nearest bound, less its rounding if it is more than a limit."""
     c = contacts[i]
-    if c.at != 0 and c.side != 0:
+    if c.bounds_met != 0 and c.side != 0:
         return 0.0
     above, below = _slack(c, model.ground, ramp, i, when)
     distance = abs(min(above, below))
-    if c.at == 0 and distance > limit:
+    if c.bounds_met == 0 and distance > limit:
         distance = max(distance - ROUNDING * size_of_terms(contacts, springs, model.ends, c), 0.0)
     return distance
 
@@ -88,7 +88,7 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
         i = member(curves, r)
         c = contacts[i]
         s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
-        side = c.side if c.at != 0 else 0
+        side = c.side if c.bounds_met != 0 else 0
         if side == 0:
             above, below = _slack(c, model.ground, ramp, i, when)
             side = 1 if above < below else -1
@@ -112,7 +112,7 @@ def _margin_of_part(contacts, springs, model, curves, ramp, when):
         c = contacts[i]
         s = ramp.fall.rests if ramp.fall.falling and c.since >= 0.0 else when
         total += (c.forward + s * c.d_forward) + (c.backward + s * c.d_backward)
-        if c.at == 0 or (c.side == 0 and c.since < s):
+        if c.bounds_met == 0 or (c.side == 0 and c.since < s):
             above, below = _slack(c, model.ground, ramp, i, when)
             near += max(min(above, below), 0.0)
             free += 1

@@ -30,7 +30,7 @@ def _is_free(contacts, curves, ramp):
         return True
     for r in range(ramp.first, ramp.last):
         c = contacts[member(curves, r)]
-        if c.at == 0 or c.side == 0:
+        if c.bounds_met == 0 or c.side == 0:
             return False
     return True
 
@@ -142,10 +142,10 @@ def _stay_on(piece, length, rate, ds, near):
 def _put_on_bound(c, s):
     """Put a contact of a critical part, whose force is at a bound but for rounding, onto that at which it slides."""
     if c.v > 0.0:
-        c.at, c.side = FORWARD, 1
+        c.bounds_met, c.side = FORWARD, 1
         c.force, c.force_rate = c.forward + s * c.d_forward, c.d_forward
     else:
-        c.at, c.side = BACKWARD, -1
+        c.bounds_met, c.side = BACKWARD, -1
         c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
     c.leaving = 0
 
@@ -205,7 +205,7 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
         c.v += chosen
         if abs(c.v) <= NOISE * size:
             c.v = 0.0
-        elif not ramp.stepping and not c.at & ~c.leaving & (FORWARD if c.v > 0.0 else BACKWARD):
+        elif not ramp.stepping and not c.bounds_met & ~c.leaving & (FORWARD if c.v > 0.0 else BACKWARD):
             _put_on_bound(c, ramp.s)
         most_v = max(most_v, abs(c.v))
     if fastest > slowest and fastest - slowest > CRITICAL * most_v:

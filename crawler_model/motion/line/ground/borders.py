@@ -52,7 +52,7 @@ def gap_of(c, foot, ground, coming, s):
     if j < 0:
         return np.inf
     x = c.x + c.v * (s - c.since)
-    gap = (ground.borders[j] - foot.home - x) - c.rest
+    gap = (ground.borders[j] - foot.home - x) - c.residue
     return gap if coming == AHEAD else -gap
 
 
@@ -91,7 +91,7 @@ def leave_border(c, ground, ramp, i):
     set_bound(c, foot, ground, BACKWARD if side == FORWARD else FORWARD, ramp)
     set_load(c, foot, ground, ramp)
     if c.forward + c.backward > 0.0 or c.d_forward + c.d_backward > 0.0:
-        c.at &= side
+        c.bounds_met &= side
         c.leaving &= side
 
 
@@ -131,7 +131,7 @@ def put_on_border(c, foot, ground, j):
     Args:
         j: number of the border.
     """
-    c.x, c.rest = ground.borders[j] - foot.home, 0.0
+    c.x, c.residue = ground.borders[j] - foot.home, 0.0
     foot.place = 2 * j + 1
 
 
@@ -183,11 +183,11 @@ def reach_border(c, ground, ramp, i):
         c.fallen &= ~side
     set_load(c, foot, ground, ramp)
     if order > 0:
-        c.at = c.leaving = 0
+        c.bounds_met = c.leaving = 0
         c.v = 0.0
         follow_ground(c, ground, ramp, i)
         return 1
-    c.at |= side
+    c.bounds_met |= side
     if order == 0:
         return 0
     c.fallen = side
@@ -219,7 +219,7 @@ def catch(c, ground, ramp, i):
         return
     side = c.fallen
     c.fallen = 0
-    c.at |= side
+    c.bounds_met |= side
     set_bound(c, ground.feet[i], ground, side, ramp)
     close_jump(c, ground, ramp, i)
 
@@ -253,7 +253,7 @@ def close_jump(c, ground, ramp, i):
     c.lost = 0.0
     if foot.jump <= ground.jumps.shape[0]:
         jump = ground.jumps[foot.jump - 1]
-        jump.loss, jump.distance = lost, (c.x - jump.x) + c.rest
+        jump.loss, jump.distance = lost, (c.x - jump.x) + c.residue
     foot.jump = 0
 
 
@@ -277,12 +277,12 @@ def rest_on_border(c, ground, ramp, i):
         return
     order = compare(c, foot, ground, coming, ramp)
     side = FORWARD if coming == AHEAD else BACKWARD
-    if order < 0 and (c.at & side or _exceeds(c, foot, ground, coming, ramp)):
+    if order < 0 and (c.bounds_met & side or _exceeds(c, foot, ground, coming, ramp)):
         return
     put_on_border(c, foot, ground, border_of(foot, ground, coming))
     set_bound(c, foot, ground, side, ramp)
     set_load(c, foot, ground, ramp)
     if order > 0:
-        c.at &= ~side
+        c.bounds_met &= ~side
         if (c.v > 0.0) == (coming == AHEAD):
             c.v = 0.0  # it stops there as the ramp ends

@@ -40,7 +40,7 @@ def hold(foot, ground, stretch, side, s, p):
 @inlined
 def _place_of(c, foot):
     """Return the place of a contact on the track [m]."""
-    return foot.home + (c.x + c.rest)
+    return foot.home + (c.x + c.residue)
 
 
 @lean
@@ -136,9 +136,9 @@ def _follow_ground(c, foot, ground, profile, ramp):
     set_load(c, foot, ground, ramp)
     slide = -foot.weight * profile[3, ahead] * c.v
     c.load, c.d_load = c.load - s * slide, c.d_load + slide
-    if c.side > 0 and c.at & FORWARD:
+    if c.side > 0 and c.bounds_met & FORWARD:
         c.force, c.force_rate = c.forward + s * c.d_forward, c.d_forward
-    elif c.side < 0 and c.at & BACKWARD:
+    elif c.side < 0 and c.bounds_met & BACKWARD:
         c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
 
 

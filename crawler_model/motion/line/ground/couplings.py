@@ -77,7 +77,7 @@ def place_couplings(contacts, couplings, ramp):
         coupling = couplings.each[k]
         a, b, pieces, p = contacts[coupling.a], contacts[coupling.b], couplings.pieces, coupling.piece
         way_a, way_b = a.v * (place_of(a, ramp) - a.since), b.v * (place_of(b, ramp) - b.since)
-        z = coupling.z = (b.x - a.x) + ((b.rest + way_b) - (a.rest + way_a))
+        z = coupling.z = (b.x - a.x) + ((b.residue + way_b) - (a.residue + way_a))
         while z < pieces[p].begin:
             p -= 1
         while z > pieces[p].end:
@@ -102,7 +102,7 @@ def follow_couplings(contacts, couplings, s):
         coupling = couplings.each[k]
         a, b, piece = contacts[coupling.a], contacts[coupling.b], couplings.pieces[coupling.piece]
         foot = couplings.feet[coupling.contact]
-        coupling.z, coupling.rate, coupling.next = (b.x - a.x) + (b.rest - a.rest), _rate_of(a.v, b.v), np.inf
+        coupling.z, coupling.rate, coupling.next = (b.x - a.x) + (b.residue - a.residue), _rate_of(a.v, b.v), np.inf
         away = coupling.z - piece.at - s * coupling.rate
         foot.more_forward += piece.forward + piece.d_forward * away
         foot.more_backward += piece.backward + piece.d_backward * away

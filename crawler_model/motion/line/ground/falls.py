@@ -309,7 +309,7 @@ def let_tip(c, ground, ramp, i, side):
         return
     advance(c, ramp, place_of(c, ramp))
     c.fallen = side
-    open_jump(c, ground, ramp, i, ground.feet[i].home + (c.x + c.rest))
+    open_jump(c, ground, ramp, i, ground.feet[i].home + (c.x + c.residue))
     ramp.fall.due = i + 1
 
 
@@ -332,7 +332,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
         i = ground.drawn[j].contact
         c, foot = contacts[i], ground.feet[i]
         if c.leaving != 0 and c.since < s:
-            c.at &= ~c.leaving
+            c.bounds_met &= ~c.leaving
         advance(c, ramp, s)
         for k in range(c.first, c.last):
             spring = springs[model.ends[k].spring]
@@ -359,7 +359,7 @@ def end_fall(contacts, springs, model, ground, ramp, count):
             c.forward, c.d_forward = max(forward, c.forward + c.since * c.d_forward), 0.0
         if c.fallen & BACKWARD:
             c.backward, c.d_backward = max(backward, c.backward + c.since * c.d_backward), 0.0
-        if c.at == 0:
+        if c.bounds_met == 0:
             c.v = 0.0
         schedule(contacts, i, np.inf)
         count = list_contact(contacts, model.listed, i, count)

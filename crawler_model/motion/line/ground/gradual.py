@@ -162,7 +162,7 @@ def _holds_body(contacts, ground, profile, ramp):
     for i in range(contacts.shape[0]):
         c, foot = contacts[i], ground.feet[i]
         ahead, behind = slopes_of(foot, profile, (foot.place + 1) // 2, foot.place // 2, commands_at(ramp))
-        if (c.at & FORWARD and ahead != 0.0) or (c.at & BACKWARD and behind != 0.0):
+        if (c.bounds_met & FORWARD and ahead != 0.0) or (c.bounds_met & BACKWARD and behind != 0.0):
             return True
     return False
 

@@ -101,10 +101,10 @@ def place_anew(contacts, ground, ramp):
         if foot.place % 2 == 0 and gap_of(c, foot, ground, coming, c.since) <= near:
             put_on_border(c, foot, ground, border_of(foot, ground, coming))
         set_bounds(c, foot, ground, ramp)
-        c.at = 0
+        c.bounds_met = 0
         excess = c.force - c.forward if direction > 0 else -c.force - c.backward
         if excess > 0.0:
-            c.at = c.fallen = side
+            c.bounds_met = c.fallen = side
             open_jump(c, ground, ramp, i, ground.borders[border])
             if direction > 0:
                 c.forward = c.force

@@ -81,11 +81,11 @@ def _push(contacts, springs, model, count, row, side):
         c = contacts[e.contact]
         e.load = e.v = 0.0
         e.side = 0
-        e.upper = 0.0 if c.at & FORWARD else np.inf
-        e.lower = 0.0 if c.at & BACKWARD else -np.inf
+        e.upper = 0.0 if c.bounds_met & FORWARD else np.inf
+        e.lower = 0.0 if c.bounds_met & BACKWARD else -np.inf
     e = block[row]
     c, stiffness = contacts[e.contact], 0.0
-    if c.fallen != 0 or not c.at & side:
+    if c.fallen != 0 or not c.bounds_met & side:
         return 0.0
     for k in range(c.first, c.last):
         stiffness += springs[model.ends[k].spring].stiffness

@@ -65,8 +65,8 @@ def room_of(c, foot, walls, side, i, s):
         return np.inf
     x = c.x + c.v * (s - c.since)
     if side == FORWARD:
-        return (walls[0, i] - foot.home - x) - c.rest
-    return (x - (walls[1, i] - foot.home)) + c.rest
+        return (walls[0, i] - foot.home - x) - c.residue
+    return (x - (walls[1, i] - foot.home)) + c.residue
 
 
 @inlined
@@ -110,9 +110,9 @@ def put_at_wall(c, foot, walls, side, i):
     """
     if walls is None:
         return
-    c.x, c.rest = walls[0 if side == FORWARD else 1, i] - foot.home, 0.0
+    c.x, c.residue = walls[0 if side == FORWARD else 1, i] - foot.home, 0.0
     foot.walled |= side
-    c.at &= ~side
+    c.bounds_met &= ~side
     c.leaving &= ~side
     if (c.v > 0.0) == (side == FORWARD):
         c.v = 0.0

@@ -216,7 +216,7 @@ def finish_bend(contacts, spring, curves, ramp, length):
         return False
     bend, pieces = curves.bends[spring.bend], curves.pieces
     a, b = contacts[spring.a], contacts[spring.b]
-    z = (b.x - a.x) + (b.rest - a.rest)
+    z = (b.x - a.x) + (b.residue - a.residue)
     before = spring.elongation - spring.length
     if not ramp.stepping:
         advance_spring(spring, curves, ramp, ramp.s)
@@ -285,7 +285,7 @@ def find_lengths(contacts, spring, bend, ramp):
     a, b = contacts[spring.a], contacts[spring.b]
     way_a, v_a = _gained(a, ramp)
     way_b, v_b = _gained(b, ramp)
-    z = (b.x - a.x) + ((b.rest + way_b) - (a.rest + way_a))
+    z = (b.x - a.x) + ((b.residue + way_b) - (a.residue + way_a))
     length = spring.length + (ramp.fall.rests if ramp.fall.falling else ramp.s) * bend.command
     change = 0.0 if ramp.fall.falling else bend.command
     stretch = v_b - v_a

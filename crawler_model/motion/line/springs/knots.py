@@ -133,7 +133,7 @@ def change_pieces(contacts, springs, curves, ramp, one_only):
             continue
         bend = curves.bends[spring.bend]
         z = spring.elongation + (contacts[spring.b].v - contacts[spring.a].v)
-        u = z - (spring.length + ramp.part * bend.command)
+        u = z - (spring.length + ramp.fraction * bend.command)
         actuator, passive = bend.actuator, bend.passive
         near = 64.0 * EPS * (abs(contacts[spring.a].x) + abs(contacts[spring.b].x) + abs(z) + abs(u))
         turned = change_sliders(curves.sliders, bend, z, near)
@@ -170,7 +170,7 @@ def tighten(contacts, springs, model, curves, ramp):
         if side == 0:
             continue
         bend = curves.bends[spring.bend]
-        z, u = spring.elongation, spring.elongation - (spring.length + ramp.part * bend.command)
+        z, u = spring.elongation, spring.elongation - (spring.length + ramp.fraction * bend.command)
         way, knot = find_way(bend, curves.pieces, z, u, side if ramp.search.loose > 0 else -side)
         if way < nearest:
             nearest, found, coming = way, j, knot

@@ -39,7 +39,7 @@ def _find_runaway(contacts):
         size += abs(c.forward) + abs(c.backward)
         forward += c.forward
         backward += c.backward
-        both &= c.at
+        both &= c.bounds_met
     if both & FORWARD and abs(forward) <= CRITICAL * size:
         return 1
     return -1 if both & BACKWARD and abs(backward) <= CRITICAL * size else 0
@@ -85,7 +85,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
     """
     coming, side = (AHEAD, FORWARD) if direction > 0 else (BEHIND, BACKWARD)
     for r in range(ramp.first, ramp.last):
-        if not contacts[member(model.curves, r)].at & side:
+        if not contacts[member(model.curves, r)].bounds_met & side:
             return True
     distance, nearest = knot, -1
     for r in range(ramp.first, ramp.last):
@@ -110,7 +110,7 @@ def _slide_on_ground(contacts, model, ground, ramp, direction, knot):
         gap = _way_of(c, ground.feet[i], ground, coming, side, i)
         c.lost += excess_of(c, ground.feet[i], ground) * distance
         _move(c, ramp, direction, distance)
-        c.at |= side
+        c.bounds_met |= side
         if gap <= distance + near:
             reach_border(c, ground, ramp, i)
     return True
@@ -140,7 +140,7 @@ def _keep_flat(contacts, springs, curves, ramp, direction):
         spring = springs[j]
         if is_flat(spring, curves):
             a, b = contacts[spring.a], contacts[spring.b]
-            spring.elongation = (b.x - a.x) + (b.rest - a.rest)
+            spring.elongation = (b.x - a.x) + (b.residue - a.residue)
             spring.still_tension, spring.still_length = spring.tension, spring.length
             side = side_of(spring, curves, ramp.present)
             if side != 0:
