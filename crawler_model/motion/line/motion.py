@@ -19,7 +19,7 @@ from ..pieces import CHANGE, NO_PIECES, locate_parts
 from ..state import WORK, dissipated
 from . import build
 from .follow import follow
-from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, zeros
+from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, copy_records, zeros
 from .springs.records import SLIDER_STATE
 
 
@@ -156,10 +156,11 @@ class LineState:
 
     def copy(self) -> LineState:
         """Copy the state, see `State`."""
-        feet = None if self.feet is None else self.feet.copy()
-        sliders = None if self.sliders is None else self.sliders.copy()
+        feet = None if self.feet is None else copy_records(self.feet)
+        sliders = None if self.sliders is None else copy_records(self.sliders)
         led = None if self.led is None else self.led.copy()
-        return LineState(self.contacts.copy(), self.springs.copy(), self.loaded, feet, sliders, led, self.play)
+        contacts, springs = copy_records(self.contacts), copy_records(self.springs)
+        return LineState(contacts, springs, self.loaded, feet, sliders, led, self.play)
 
     def restore(self, kept: LineState) -> None:
         """Return to former numbers.
