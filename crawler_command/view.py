@@ -57,7 +57,7 @@ def view(
     instant, its contacts over time and its stasis domain; an .rrd file is then refused.
     """
     require("rerun", *([] if recording.suffix == ".rrd" else READERS))
-    from crawler_ros.viewer.instant import viewer_binary
+    from crawler_ros.viewer.render import viewer_binary
 
     if not recording.exists():
         raise CrawlerError(f"{recording}: no such file or folder")
@@ -96,7 +96,7 @@ def view(
 
 def _render(recording: Path, rrd: Path, png: Path, at: float | None, given: tuple[str | None, str | None]) -> None:
     """Render an instant by the viewer, or by matplotlib where the viewer finds no driver."""
-    from crawler_ros.viewer.instant import DriverError, draw_instant, screenshot
+    from crawler_ros.viewer.render import DriverError, draw_instant, screenshot
 
     with whole_file(png) as part:
         try:

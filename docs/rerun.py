@@ -11,7 +11,7 @@ from PIL import Image
 from crawler_command.demo import SCENE
 from crawler_model import Crawler, load_scene
 from crawler_ros.viewer.frames import FRAME_EVERY_NS, frame_of
-from crawler_ros.viewer.instant import screenshot
+from crawler_ros.viewer.render import screenshot
 from crawler_ros.viewer.visualizer import Drawing, to_file
 
 PICTURE = Path(__file__).parent / "pictures" / "rerun.png"

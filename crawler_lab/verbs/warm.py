@@ -57,7 +57,7 @@ def compile_node() -> None:
     for name in ("three_contacts_two_ways", "three_springs", "tendon_worm"):
         compile_ticks(load_scene(name))
     with contextlib.suppress(ModuleNotFoundError):
-        from crawler_ros.recording.blocks import compile_search
+        from crawler_ros.recording.mcap_reader import compile_search
 
         compile_search()
 

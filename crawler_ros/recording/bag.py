@@ -23,10 +23,10 @@ from .bag_files import Held, compare_with_promises, expanded, list_files, read_p
 from .bag_files import find_file as find_file
 from .bag_files import find_files as find_files
 from .bag_folder import list_bags
-from .blocks import BagError as BagError
-from .blocks import Block as Block
-from .blocks import Contents, read_file
 from .log_order import Piece, bound_memory, merge, piece_of
+from .mcap_reader import BagError as BagError
+from .mcap_reader import Block as Block
+from .mcap_reader import Contents, read_file
 
 if TYPE_CHECKING:
     from .bag_writer import BagWriter

@@ -14,7 +14,7 @@ import yaml
 from crawler_model.body.drive import NS
 
 from .bag_folder import PATTERNS
-from .blocks import BagError, largest_expansion
+from .mcap_reader import BagError, largest_expansion
 
 _LARGEST_METADATA = 1 << 24
 _COPIED = 1 << 20

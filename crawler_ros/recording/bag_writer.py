@@ -12,7 +12,7 @@ import yaml
 
 from ..wire.definitions import message_definition, type_hash
 from ..wire.topics import Topic, offered_qos
-from .mcap_file import McapFile
+from .mcap_writer import McapFile
 from .record_head import message_head
 
 if TYPE_CHECKING:

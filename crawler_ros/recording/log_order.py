@@ -17,7 +17,7 @@ from typing import IO
 
 import numpy as np
 
-from .blocks import Block
+from .mcap_reader import Block
 
 _MOST_WAITING = 1 << 24
 """Bytes of blocks that overlap in log time and are merged in memory."""

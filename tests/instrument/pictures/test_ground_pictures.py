@@ -28,7 +28,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import ViewerFeed
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, in_sequence, read_frames, thin
-from crawler_ros.viewer.instant import screenshot
+from crawler_ros.viewer.render import screenshot
 from crawler_ros.viewer.visualizer import Drawing, draw_recording, to_file
 
 from ...golden_pictures import GOLDEN, differences, read_figure

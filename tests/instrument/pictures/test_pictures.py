@@ -27,7 +27,7 @@ from crawler_pictures.run.trajectory import read_trajectory
 from crawler_ros.viewer.arrays import run_of_frames
 from crawler_ros.viewer.feed import LIVE_PORT, ViewerFeed, is_free
 from crawler_ros.viewer.frames import Frame, frame_of, frames_of_recording, thin
-from crawler_ros.viewer.instant import DriverError, draw_instant, screenshot
+from crawler_ros.viewer.render import DriverError, draw_instant, screenshot
 from crawler_ros.viewer.style import STICK
 from crawler_ros.viewer.visualizer import Drawing, to_file
 

@@ -15,9 +15,9 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, Message, Schema
 
-from crawler_ros.recording import bag, blocks
+from crawler_ros.recording import bag, mcap_reader
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.mcap_file import McapFile
+from crawler_ros.recording.mcap_writer import McapFile
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.wire.topics import read_topics
 
@@ -61,8 +61,8 @@ def message(log_ns: int, sequence: int = 0, data: bytes = b"x") -> Message:
 @pytest.mark.parametrize("stated", ["truly", "less"])
 @pytest.mark.parametrize("flags", [(), ("--recover",), ("--show",)])
 def test_a_chunk_of_a_few_kilobytes_that_fills_the_memory_is_refused(tmp_path, stated, flags):
-    inside = bytes(4 * blocks.LARGEST_CHUNK)
-    bomb = chunk(inside, len(inside) if stated == "truly" else blocks.LARGEST_CHUNK - 1)
+    inside = bytes(4 * mcap_reader.LARGEST_CHUNK)
+    bomb = chunk(inside, len(inside) if stated == "truly" else mcap_reader.LARGEST_CHUNK - 1)
     file = tmp_path / "bomb.mcap"
     file.write_bytes(mcap(bomb))
     assert file.stat().st_size < 20_000
@@ -74,7 +74,7 @@ def test_a_chunk_of_a_few_kilobytes_that_fills_the_memory_is_refused(tmp_path, s
         assert bag.examine(file).counts == {}
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert most < 4 * blocks.LARGEST_CHUNK
+    assert most < 4 * mcap_reader.LARGEST_CHUNK
     done = crawler("replay", file, *flags)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
@@ -82,8 +82,8 @@ def test_a_chunk_of_a_few_kilobytes_that_fills_the_memory_is_refused(tmp_path, s
 
 def test_many_chunks_that_fill_the_memory_together_are_refused(tmp_path):
     file = tmp_path / "bombs.mcap"
-    file.write_bytes(mcap(*[chunk(bytes(blocks.LARGEST_CHUNK))] * 6))
-    with pytest.raises(bag.BagError, match=rf"bytes expand to more than .* or {blocks.ALWAYS_EXPANDED} in all"):
+    file.write_bytes(mcap(*[chunk(bytes(mcap_reader.LARGEST_CHUNK))] * 6))
+    with pytest.raises(bag.BagError, match=rf"bytes expand to more than .* or {mcap_reader.ALWAYS_EXPANDED} in all"):
         bag.examine(file)
 
 

@@ -9,7 +9,7 @@ import pytest
 import zstandard
 
 from crawler_model import load_scene
-from crawler_ros.recording import bag, bag_files, blocks, log_order
+from crawler_ros.recording import bag, bag_files, log_order
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 
@@ -61,7 +61,7 @@ def test_the_same_messages_have_the_same_verdict(tmp_path, expected, recorded, n
 
 @pytest.mark.parametrize("waiting", [0, 100_000])
 def test_what_does_not_fit_in_memory_is_sorted_on_disk(tmp_path, recorded, monkeypatch, waiting):
-    monkeypatch.setattr(blocks, "_BLOCK_BYTES", 10_000)
+    monkeypatch.setattr(mcap_reader, "_BLOCK_BYTES", 10_000)
     for name, bound in (("_MOST_WAITING", waiting), ("_SORTED_AT_ONCE", 60_000), ("_SORTED_PIECE", 5_000)):
         monkeypatch.setattr(log_order, name, bound)
     sorted_to_disk = []
@@ -222,8 +222,8 @@ def bomb(size: int) -> bytes:
 
 
 def test_compressed_files_and_messages_that_fill_memory_or_disk_are_refused(tmp_path, monkeypatch, recorded):
-    monkeypatch.setattr(blocks, "ALWAYS_EXPANDED", 1 << 24)
-    monkeypatch.setattr(blocks, "LARGEST_CHUNK", 1 << 22)
+    monkeypatch.setattr(mcap_reader, "ALWAYS_EXPANDED", 1 << 24)
+    monkeypatch.setattr(mcap_reader, "LARGEST_CHUNK", 1 << 22)
     (tmp_path / "a.mcap.zstd").write_bytes(bomb(1 << 26))
     with pytest.raises(bag.BagError, match="the file is damaged or made to fill the disk"):
         bag.examine(tmp_path / "a.mcap.zstd")

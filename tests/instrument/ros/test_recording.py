@@ -26,7 +26,7 @@ from std_msgs.msg import Float64MultiArray
 from crawler_model import Crawler, Scene, load_scene
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
-from crawler_ros.recording.mcap_file import COMPRESSION, McapFile
+from crawler_ros.recording.mcap_writer import COMPRESSION, McapFile
 from crawler_ros.recording.record_head import message_head
 from crawler_ros.recording.recorder import Recorder
 from crawler_ros.wire.definitions import type_hash
