@@ -9,7 +9,7 @@ import pytest
 import zstandard
 
 from crawler_model import load_scene
-from crawler_ros.recording import bag, bag_files, log_order
+from crawler_ros.recording import bag, bag_files, log_order, mcap_reader
 from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 
