@@ -115,11 +115,6 @@ def _check_profile(parts: SceneParts) -> None:
     """Refuse what is not followed exactly on ground that changes gradually."""
     assert parts.ground is not None
     assert parts.ground.profile is not None
-    if parts.body.is_bent:
-        raise SceneError(
-            "ground.profile: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
-            "`backlash` it is not supported; give only `stiffness`"
-        )
     frictions = (parts.friction, *(segment.friction for segment in parts.body.segments))
     if parts.ground.profile.slope is not None and any(f is not None and f.coefficient is not None for f in frictions):
         raise SceneError(
@@ -134,11 +129,6 @@ def _check_couplings(parts: SceneParts) -> None:
         raise SceneError(
             "friction.with_elongation: only on a line; in the plane paths are followed in steps, which would pass over "
             "its elongations"
-        )
-    if parts.body.is_bent:
-        raise SceneError(
-            "friction.with_elongation: with links or segments that have `curve`, `tension`, `passive`, `hysteresis` or "
-            "`backlash` it is not supported; give only `stiffness`"
         )
     if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
         raise SceneError(

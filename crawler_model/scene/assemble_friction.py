@@ -140,6 +140,11 @@ def _assemble_couplings(parts: SceneParts, body: Body) -> tuple[Coupling, ...]:
 
     What an element of a segment adds is divided equally between its two contacts.
     """
+    if parts.couplings and body.has_flat_springs:
+        raise SceneError(
+            "friction.with_elongation: with links or segments whose tension can stay constant as they change their "
+            "length (`tension`, flat pieces of a `curve`) it is not supported; give each a stiffness"
+        )
     found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
     names = {segment.name: segment for segment in body.segments}
     for k, part in enumerate(parts.couplings):

@@ -19,6 +19,7 @@ from ..pieces import CHANGE, NO_PIECES, locate_parts
 from ..state import WORK, dissipated
 from . import build
 from .follow import follow
+from .ground.borders import ROUNDING
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, copy_records, zeros
 from .springs.records import SLIDER_STATE
 
@@ -320,7 +321,10 @@ class LineMotion:
             count = int(ramps["fall"]["jumps"][0])
             if not runaway and count <= room:
                 rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
-                return tuple(Jump(*row) for row in rows.tolist())
+                # at a knot where no rates exist with the piece that is left, a jump leads to the other one
+                knots = track is not None and track.profile is not None and self.body.bends
+                near = ROUNDING * float(ramps["span"][0]) if knots else -1.0
+                return tuple(Jump(*row) for row in rows.tolist() if abs(row[4]) > near)
             error = CommandError(self._describe_runaway(state, scratch, int(runaway))) if runaway else None
             state.restore(kept[0])
             account[:] = kept[1]

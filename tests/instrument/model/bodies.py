@@ -29,6 +29,8 @@ LOOSE = tuple(f"loose {kind}" for kind in (CHAIN, HYBRID))
 ON_PATCHES = tuple(f"{kind} on patches" for kind in (*ON_A_LINE, "bent chain", "bent hybrid"))
 ON_GRADUAL_GROUND = tuple(f"{kind} on gradual ground" for kind in (CHAIN, GRAPH))
 """With friction and, unless some contacts have none, slopes that change along the track."""
+BENT_WHERE_BOUNDS_CHANGE = ("bent chain on gradual ground", "hysteretic swelling chain")
+"""With bent springs, on ground that changes gradually or with friction that changes with elongations."""
 SWELLING = tuple(f"swelling {kind}" for kind in ON_A_LINE)
 """With friction that changes with elongations, by slopes below the stiffness, so that there is one solution."""
 BETWEEN_WALLS = tuple(f"{kind} between walls" for kind in (*ON_A_LINE, "chain on patches"))
@@ -154,17 +156,17 @@ class Drawn:
         bare = bare.removeprefix("hysteretic ").removeprefix("loose ").removeprefix("swelling ")
         plain = dataclasses.replace(self, kind=bare, commanded=self.commanded)
         driven = _on_a_line(plain, rng, length, force, mirrored)
-        if self.kind.startswith("bent "):
-            driven = _with_bent_springs(self, driven, length, force, mirrored)
-        if self.kind in HYSTERETIC:
-            driven = _with_hysteresis(self, driven, length, force)
-        if self.kind in LOOSE:
-            driven = _with_backlash(self, driven, length)
-        if self.kind in SWELLING:
+        if "swelling " in self.kind:
             driven = _with_elongation(self, driven, length, force, mirrored)
+        if "bent " in self.kind:
+            driven = _with_bent_springs(self, driven, length, force, mirrored)
+        if "hysteretic " in self.kind:
+            driven = _with_hysteresis(self, driven, length, force)
+        if "loose " in self.kind:
+            driven = _with_backlash(self, driven, length)
         if ground in ON_PATCHES:
             driven = _on_patches(plain, driven, length, force, mirrored)
-        if ground in ON_GRADUAL_GROUND:
+        if ground.endswith(" on gradual ground"):
             driven = _on_gradual_ground(plain, driven, length, force, mirrored)
         if self.kind in BETWEEN_WALLS:
             driven = _between_walls(plain, driven, length, mirrored)
@@ -387,7 +389,7 @@ def _on_gradual_ground(drawn: Drawn, driven: Driven, length: float, force: float
     sides = dict(zip(("forward", "backward"), factors.tolist(), strict=True))
     profile = {"at": (at * length).tolist(), "friction": sides}
     data = driven.data
-    if not drawn.bare:
+    if not drawn.bare and "loads" not in data:
         isolated, segments = len(data["body"]["contacts"]), len(data["body"]["segments"])
         weights = [0.05 * force] * isolated + [0.05 * force / length] * segments
         data = data | {"body": data["body"] | {"weights": weights}}

@@ -251,7 +251,7 @@ def test_an_unknown_segment_is_named():
         ),
         (
             {"body": {"contacts": [0.0, 0.5], "links": {"stiffness": 1.0, "tension": 2.0}}},
-            "friction.with_elongation: with links or segments that have `curve`",
+            "friction.with_elongation: with links or segments whose tension can stay constant",
         ),
         (
             {

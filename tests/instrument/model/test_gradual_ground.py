@@ -299,10 +299,6 @@ def test_mistakes_in_a_profile_are_named_in_one_line(profile, message):
             "slope: 1 degrees, but `profile.slope` is given",
         ),
         (
-            {"body": {"contacts": [0.0, 0.2], "links": {"stiffness": 1.0, "tension": 2.0}}},
-            "ground.profile: with links or segments that have `curve`",
-        ),
-        (
             {
                 "body": {"contacts": [0.0, 0.2], "links": {"stiffness": 1.0}, "weights": 1.0},
                 "friction": {"coefficient": {"isotropic": 0.5}},

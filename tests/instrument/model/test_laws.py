@@ -14,6 +14,7 @@ from crawler_model.body.curves import list_sliders
 
 from .bodies import (
     BENT,
+    BENT_WHERE_BOUNDS_CHANGE,
     BETWEEN_WALLS,
     CHAMBERS,
     HYSTERETIC,
@@ -45,6 +46,7 @@ FOLLOWED = [
             *BETWEEN_WALLS,
             *SWELLING,
             *ON_GRADUAL_GROUND,
+            *BENT_WHERE_BOUNDS_CHANGE,
         )
     ),
     *((kind, "catch_up") for kind in IN_THE_PLANE),

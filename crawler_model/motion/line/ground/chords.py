@@ -150,7 +150,7 @@ def halve_chord(ground, ramp):
     if ramp.cut:
         ramp.cut = 0
         return True
-    if not is_long(ground, ramp):
+    if ramp.search.loose != 0 or not is_long(ground, ramp):
         return False
     ramp.chord = ramp.s + 0.5 * (ramp.chord - ramp.s)
     return True

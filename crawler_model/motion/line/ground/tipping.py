@@ -11,6 +11,7 @@ from .bounds import set_bounds
 from .chords import is_long
 from .falls import let_tip
 from .gradual import NEUTRAL
+from .walls import is_given
 
 _STIFF = 1e6
 """Stiffness, in terms of those of its springs, of what moves a contact to see whether its force exceeds its bound."""
@@ -34,6 +35,8 @@ def tip(contacts, springs, model, ground, ramp, count):
 @lean
 def _tip(contacts, springs, model, ground, profile, ramp, count):
     if profile is None:
+        return
+    if ramp.search.loose != 0 and is_given(model.curves):  # a part behind a flat spring slides instead
         return
     if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget or is_long(ground, ramp):
         return
