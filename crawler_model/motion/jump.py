@@ -13,7 +13,7 @@ class Jump:
 
     Attributes:
         ramp: number of the ramp, counted from 0 in the call that followed it.
-        part: place on that ramp, 0 .. 1 [1].
+        fraction: place on that ramp, 0 .. 1 [1].
         contact: the contact, counted along the body.
         border: position of the border on the track [m]; None for a body that turns.
         distance: from the border to where the contact came to rest or to the next border, towards +x positive; of a
@@ -22,7 +22,7 @@ class Jump:
     """
 
     ramp: int
-    part: float
+    fraction: float
     contact: int
     border: float | None
     distance: float

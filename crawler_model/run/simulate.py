@@ -169,7 +169,7 @@ class _Run:
         for jump in step.jumps:
             self.jump_loss[first + 1 + np.searchsorted(ends, jump.ramp)] += jump.loss
             begin = int(vertex_ns[jump.ramp - 1]) if jump.ramp else after_ns
-            when = (begin + jump.part * (int(vertex_ns[jump.ramp]) - begin)) / NS
+            when = (begin + jump.fraction * (int(vertex_ns[jump.ramp]) - begin)) / NS
             self.jumps.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
         tension = records[:, 2 * width : -SPENT].reshape(-1, *self.tension.shape[1:])
         place = (vertex_ns.size, *self.x.shape[1:])

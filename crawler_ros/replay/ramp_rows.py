@@ -107,7 +107,7 @@ class RampRows:
         self._remembered.append(energy_of_sliders(crawler.body.bends, crawler.hysteresis))
         self._losses.append(0.0 if step is None else step.jump_loss)
         for jump in () if step is None else step.jumps:
-            when = (start_ns + jump.part * (end_ns - start_ns)) / NS
+            when = (start_ns + jump.fraction * (end_ns - start_ns)) / NS
             self._jumps.append((run, TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss)))
 
     def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:

@@ -127,7 +127,7 @@ def time_jumps(jumps: Iterable[Jump], start_ns: int, ends_ns: Sequence[int]) -> 
     made = []
     for jump in jumps:
         begin, end = ends_ns[jump.ramp - 1] if jump.ramp else start_ns, ends_ns[jump.ramp]
-        when = (begin + jump.part * (end - begin)) / NS
+        when = (begin + jump.fraction * (end - begin)) / NS
         made.append(TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss))
     return tuple(made)
 

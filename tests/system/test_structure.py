@@ -356,7 +356,7 @@ def test_compiled_kernels_are_loaded_without_what_only_compilation_needs():
 
 
 def test_a_chain_compiles_nothing_that_other_bodies_need(tmp_path):
-    """From an empty cache: no sleeping run of a long chain, no border of a patch, no knot of a curve.
+    """From an empty cache: no sleeping cluster of a long chain, no border of a patch, no knot of a curve.
 
     Nothing is optimised, which would take half of the time.
     """

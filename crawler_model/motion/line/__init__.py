@@ -11,7 +11,7 @@ Args:
     ends: END, shape (2 S,).
     block: BLOCK, memory for the present block.
     listed: the contacts around which rates change.
-    runs: RUN; None for short chains and for graphs.
+    clusters: CLUSTER; None for short chains and for graphs.
     curves: a `Curves`; None if all springs are linear.
     pieces: PIECE, of all curves.
     ground: a `Terrain`; None on ground that is the same everywhere.
@@ -26,6 +26,6 @@ Args:
     sliders: SLIDER, shape (H,); None if no spring has any.
     z: its elongation [m].
     u: z - L [m].
-    count: number of contacts of the block, or of its rows where a sleeping run is one.
+    count: number of contacts of the block, or of its rows where a sleeping cluster is one.
     coming: the border, AHEAD or BEHIND.
 """

@@ -1,7 +1,7 @@
 """A block of contacts at their bounds, found around a contact: its rows, for `pivot`.
 
 A contact strictly inside its bounds is a wall. Where the springs of a block form a path, its rows are in their order,
-and in a long chain a sleeping run of contacts is one row; in others, rows are in the order of elimination.
+and in a long chain a sleeping cluster of contacts is one row; in others, rows are in the order of elimination.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ import numpy as np
 from ...compiled import inlined, lean
 from ...rounding import EPS
 from .advance import place_of
+from .clusters import enter_cluster, find_cluster, find_span, wake_all
 from .ground.bounds import enter_ground
 from .ground.couplings import couplings_of, is_coupled, place_couplings
 from .ground.gradual import is_gradual
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
-from .runs import enter_run, find_run, find_span, wake_all
 from .springs.bends import is_flat
 from .springs.parts import find_pull
 
@@ -87,7 +87,7 @@ def _enter(contacts, springs, model, ramp, row, i):
     """
     c, e = contacts[i], model.block[row]
     c.mark, c.row = ramp.search.block, row
-    e.contact, e.run = i, -1
+    e.contact, e.cluster = i, -1
     e.load = 0.0 if ramp.fall.falling else c.pull
     if ramp.stepping:
         pull = find_pull(contacts, springs, model, model.curves, i)
@@ -113,7 +113,7 @@ def _enter(contacts, springs, model, ramp, row, i):
 @inlined
 def _enter_spring(springs, e, ramp, j, sign):
     """Enter the spring before the contact of a row, its index and its sign along the path; -1 if there is none."""
-    e.spring, e.run, e.sign = j, -1, sign
+    e.spring, e.cluster, e.sign = j, -1, sign
     e.trial = e.compliance = 0.0
     if j >= 0:
         spring = springs[j]
@@ -189,8 +189,8 @@ def _both_rest(contacts, ramp, i, beyond):
 
 
 @inlined
-def _find_stretch(contacts, springs, model, runs, ramp, i):
-    """Find the block around contact i of a chain, with a row for each sleeping run; returns the number of rows.
+def _find_stretch(contacts, springs, model, clusters, ramp, i):
+    """Find the block around contact i of a chain, with a row for each sleeping cluster; returns the number of rows.
 
     Where neighbours rest at their bounds, the block ends with one of them, its guard, and `passes_guard` extends it.
     """
@@ -202,15 +202,15 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
         if left > ramp.search.reach:
             ramp.search.guards |= BACKWARD
             break
-        first = find_span(runs, ramp, first - 1)[0]
+        first = find_span(clusters, ramp, first - 1)[0]
     while last < n - 1 and not is_flat(springs[last], curves) and not _is_wall(contacts[last + 1], ramp):
         right += _both_rest(contacts, ramp, last, last + 1)
         if right > ramp.search.reach:
             ramp.search.guards |= FORWARD
             break
-        last = find_span(runs, ramp, last + 1)[1]
-    if first == 0 and last == n - 1:  # nothing at rest determines the velocities of runs
-        wake_all(contacts, springs, runs, ramp)
+        last = find_span(clusters, ramp, last + 1)[1]
+    if first == 0 and last == n - 1:  # nothing at rest determines the velocities of clusters
+        wake_all(contacts, springs, clusters, ramp)
     joined_before = first > 0 and not is_flat(springs[first - 1], curves)
     joined_behind = last < n - 1 and not is_flat(springs[last], curves)
     ramp.search.anchored = joined_before or joined_behind
@@ -220,9 +220,9 @@ def _find_stretch(contacts, springs, model, runs, ramp, i):
     count = 0
     while first <= last:
         e = model.block[count]
-        k = find_run(runs, ramp, first)
+        k = find_cluster(clusters, ramp, first)
         if k >= 0:
-            enter_run(contacts, runs, e, k)
+            enter_cluster(contacts, clusters, e, k)
             first = e.contact + 1
         else:
             _enter_spring(springs, e, ramp, first - 1 if count > 0 or joined_before else -1, 1.0)
@@ -325,7 +325,7 @@ def find_block(contacts, springs, model, matrix, ramp, i):
     ramp.search.block += 1
     ramp.search.path = ramp.search.guards = 0
     if matrix is None:
-        return _find_stretch(contacts, springs, model, model.runs, ramp, i)
+        return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
     if is_coupled(couplings_of(model.ground)) and not ramp.stepping:
         return _find_whole(contacts, springs, model, ramp)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)

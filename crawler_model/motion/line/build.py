@@ -18,6 +18,7 @@ from .records import (
     BACKWARD,
     BLOCK,
     BREAK,
+    CLUSTER,
     CONTACT,
     COUPLING,
     COUPLING_PIECE,
@@ -25,7 +26,6 @@ from .records import (
     END,
     FOOT,
     FORWARD,
-    RUN,
     SPRING,
     zeros,
 )
@@ -33,9 +33,9 @@ from .springs.records import BEND, PIECE, SLIDER, STRAY
 from .tournament import find_winners
 
 LONG = 256
-"""Contacts of a chain that may have sleeping runs of contacts (`runs`)."""
+"""Contacts of a chain that may have sleeping clusters of contacts (`clusters`)."""
 LEAF_SIZE = 8
-"""Contacts of a leaf of the tree of runs, and parts of a larger one."""
+"""Contacts of a leaf of the tree of clusters, and parts of a larger one."""
 SHORTEST_BLOCK = 64
 """Contacts of a block from which they fall asleep."""
 PROJECTS_AFTER = 2
@@ -84,21 +84,21 @@ def order_contacts(body: Body) -> tuple[np.ndarray, int]:
     return place, width
 
 
-def _build_runs(contacts: int) -> np.ndarray:
-    """Build the tree of runs of a long chain, all awake: RUN, leaves first, then level by level, shape (R,)."""
+def _build_clusters(contacts: int) -> np.ndarray:
+    """Build the tree of clusters of a long chain, all awake: CLUSTER, leaves first, then level by level, shape (R,)."""
     sizes = [-(-contacts // LEAF_SIZE)]
     while sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // LEAF_SIZE))
-    runs = zeros(sum(sizes), RUN)
+    clusters = zeros(sum(sizes), CLUSTER)
     before, begin, width = 0, 0, LEAF_SIZE
     for size in sizes:
-        level, each = runs[begin : begin + size], np.arange(size)
+        level, each = clusters[begin : begin + size], np.arange(size)
         level["first"], level["last"] = width * each, width * (each + 1) - 1
         level["whole"] = (each > 0) & (level["last"] < contacts)
         level["child"] = -1 if begin == 0 else before + LEAF_SIZE * each
         level["parent"] = -1 if size == 1 else begin + size + each // LEAF_SIZE
         before, begin, width = begin, begin + size, width * LEAF_SIZE
-    return runs
+    return clusters
 
 
 def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tuple[Any, ...]:
@@ -131,9 +131,9 @@ def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tu
                 f"{_MOST_NUMBERS:.0e} are allowed"
             )
     matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
-    runs = _build_runs(n) if body.is_chain and n >= LONG and not body.bends and not coupled else None
+    clusters = _build_clusters(n) if body.is_chain and n >= LONG and not body.bends and not coupled else None
     listed, curves = np.zeros(n, np.int32), build_curves(body)
-    return ends, zeros(n + 1, BLOCK), listed, matrix, zeros(2 * n, BREAK), NO_PIECES, None, runs, curves
+    return ends, zeros(n + 1, BLOCK), listed, matrix, zeros(2 * n, BREAK), NO_PIECES, None, clusters, curves
 
 
 def build_curves(body: Body) -> tuple[Any, ...] | None:

@@ -12,6 +12,7 @@ from ...compiled import inlined, lean
 from ...rounding import CRITICAL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, leave_bounds, list_contact, passes_guard
+from .clusters import fall_asleep, set_clusters
 from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
@@ -25,7 +26,6 @@ from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
 from .records import AHEAD, BACKWARD, BEHIND, CATCH, DONE, FORWARD, INTERPRETED, KINK, KNOT, SPENT, UNSOLVED, WALL
-from .runs import fall_asleep, set_runs
 from .springs.bends import is_flat
 from .springs.knots import pass_knots, passes_singly, time_knots
 from .springs.parts import begin_parts, next_part
@@ -74,10 +74,10 @@ def _set_rates_of_mesh(contacts, springs, model, matrix, ramp, count):
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
     block, s = model.block, ramp.s
-    set_runs(springs, block, model.runs, ramp, count)
+    set_clusters(springs, block, model.clusters, ramp, count)
     for j in range(count + 1):
         e = block[j]
-        if e.run >= 0:
+        if e.cluster >= 0:
             continue
         if j < count:
             c = contacts[e.contact]
@@ -108,7 +108,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
     follow_couplings(contacts, couplings_of(model.ground), s)
     for j in range(count):
         e = block[j]
-        if e.run >= 0:
+        if e.cluster >= 0:
             continue
         c = contacts[e.contact]
         follow_ground(c, model.ground, ramp, e.contact)
@@ -169,7 +169,7 @@ def _solve_around(contacts, springs, model, ramp, i):
     if not ramp.stepping:
         _hold_sides(contacts, springs, model, ramp, count)
         time_knots(contacts, springs, model, model.curves, ramp, count)
-        fall_asleep(contacts, springs, model.block, model.runs, ramp, count)
+        fall_asleep(contacts, springs, model.block, model.clusters, ramp, count)
     return True
 
 

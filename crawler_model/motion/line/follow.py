@@ -9,6 +9,7 @@ from ...rounding import MISSED
 from .. import state
 from .advance import advance, advance_spring
 from .block import leave_bounds, size_of_terms
+from .clusters import wake_all
 from .critical.interval import add_interval, begin_interval
 from .critical.margin import find_margin
 from .events import follow_events
@@ -19,7 +20,6 @@ from .ground.gradual import is_gradual
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
 from .ground.walls import blocked_sides, has_walls
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Couplings, Model, Terrain
-from .runs import wake_all
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
 from .springs.records import Curves
 from .springs.sliders import energy_remembered
@@ -168,7 +168,7 @@ def _certify(contacts, springs, model, ramp):
 @inlined
 def _finish(contacts, springs, model, ramp, target):
     """Set the state to the end of what was followed of the ramp and complete its account; returns the energy stored."""
-    wake_all(contacts, springs, model.runs, ramp)
+    wake_all(contacts, springs, model.clusters, ramp)
     _finish_contacts(contacts, model, ramp, target, springs.shape[0])
     stored = ramp.account.corrected = 0.0
     for j in range(springs.shape[0]):
@@ -354,9 +354,9 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     Returns:
         0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped.
     """
-    ends, block, listed, matrix, breaks, pieces, ground, runs, curves = memory
+    ends, block, listed, matrix, breaks, pieces, ground, clusters, curves = memory
     ground, curves = _build_terrain(ground), _build_curves(curves)
-    model = Model(ends, block, listed, matrix, breaks, pieces, ground, runs, curves)
+    model = Model(ends, block, listed, matrix, breaks, pieces, ground, clusters, curves)
     ramp = ramps[0]
     ramp.stored = 0.0
     ramp.fall.jumps = ramp.fall.runaway = ramp.search.block = 0

@@ -282,7 +282,7 @@ class LineMotion:
         begin = np.append(0.0, end[:-1]) * np.append(False, np.diff(ramp) == 0)
         locate_parts(pieces, ramp, begin, end)
         return tuple(
-            replace(jump, ramp=int(ramp[k]), part=float(begin[k] + jump.part * (end[k] - begin[k])))
+            replace(jump, ramp=int(ramp[k]), fraction=float(begin[k] + jump.fraction * (end[k] - begin[k])))
             for jump in jumps
             for k in (jump.ramp,)
         )
@@ -304,8 +304,10 @@ class LineMotion:
         targets = np.ascontiguousarray(targets)  # in another order they would be compiled for again
         memory, track, room = parts, self.track, 0
         if pieces is not NO_PIECES:
-            runs = parts[7] if pieces.shape[1] <= CHANGE else None  # the velocities of sleeping contacts are not known
-            memory = (*parts[:5], pieces, None, runs, parts[8])
+            clusters = (
+                parts[7] if pieces.shape[1] <= CHANGE else None
+            )  # the velocities of sleeping contacts are not known
+            memory = (*parts[:5], pieces, None, clusters, parts[8])
         kept = (state.copy(), account.copy()) if track is not None or self.body.has_flat_springs else None
         while True:
             if track is not None:
@@ -320,7 +322,7 @@ class LineMotion:
                 return ()
             count = int(ramps["fall"]["jumps"][0])
             if not runaway and count <= room:
-                rows = jumps[["ramp", "part", "contact", "border", "distance", "loss"]][:count]
+                rows = jumps[["ramp", "fraction", "contact", "border", "distance", "loss"]][:count]
                 # at a knot where no rates exist with the piece that is left, a jump leads to the other one
                 knots = track is not None and track.profile is not None and self.body.bends
                 near = ROUNDING * float(ramps["span"][0]) if knots else -1.0

@@ -86,7 +86,7 @@ def _slide_run(block, first, stop, flow):
     for j in range(first, stop):
         e = block[j]
         small = abs(e.v) <= NOISE * way or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * way)
-        if small and e.run < 0:
+        if small and e.cluster < 0:
             e.v = 0.0
 
 

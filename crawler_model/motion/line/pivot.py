@@ -12,13 +12,13 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
+from .clusters import wake_block, wake_turning
 from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
 from .ground.gradual import holds
 from .ground.unstable import is_stable, search_sides, turns_unstable
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
 from .project import project
-from .runs import wake_block, wake_turning
 
 ROUNDING = 32.0 * EPS
 """A force beyond its limit by less than this part of the terms that it is a sum of is at its limit."""
@@ -98,7 +98,7 @@ def _center(block, count):
 @inlined
 def _side_of(e):
     """Find the side that a contact must have: 0 if it slides against its bound, 1 or -1 if it rests beyond a limit."""
-    if e.run >= 0:  # else it would have woken
+    if e.cluster >= 0:  # else it would have woken
         return e.side
     if e.side != 0:
         return 0 if e.v * e.side < 0.0 else e.side
@@ -172,7 +172,7 @@ def find_sides(contacts, springs, model, ramp, count):
         ramp: the RAMP; `undetermined` is set if all slide, nothing holds them and friction balances.
 
     Returns:
-        False if no sides were found, or no equilibrium is left; or if runs woke, and the block has to be found anew.
+        False if no sides were found, or no equilibrium is left; or if clusters woke, and the block must be found anew.
     """
     block = model.block
     best, waited, last_only = count + 1, 0, False
@@ -195,7 +195,7 @@ def find_sides(contacts, springs, model, ramp, count):
             projects = False
             if _is_loose(ramp, block, model.curves, count):
                 return False
-            if wake_block(contacts, springs, block, model.runs, ramp, count):
+            if wake_block(contacts, springs, block, model.clusters, ramp, count):
                 return False
             project(model, ramp, count)
         # where all slide, K is singular: one contact is kept at rest as the reference of the velocities
@@ -213,7 +213,7 @@ def find_sides(contacts, springs, model, ramp, count):
             solve_path(block, count)
         elif not solve_mesh(contacts, springs, model, model.matrix, ramp, count):
             break
-        if wake_turning(contacts, springs, block, model.runs, ramp, count):
+        if wake_turning(contacts, springs, block, model.clusters, ramp, count):
             return False
         if resting == 1:
             _balance(block, count, last)

@@ -155,7 +155,7 @@ COUPLING_PIECE = np.dtype(
 JUMP = np.dtype(
     [
         ("ramp", _INT),  # as the attributes of `motion.jump.Jump`
-        ("part", _FLOAT),
+        ("fraction", _FLOAT),
         ("contact", _INT),
         ("border", _FLOAT),
         ("distance", _FLOAT),
@@ -178,7 +178,7 @@ END = np.dtype(
 BLOCK = np.dtype(
     [
         ("contact", _INT),
-        ("run", _INT),  # sleeping run whose last contact that is, see `runs`; -1 if the row is one contact
+        ("cluster", _INT),  # sleeping cluster whose last contact that is, see `clusters`; -1 if the row is one contact
         ("side", _BYTE),  # as of a contact, during the search
         ("upper", _FLOAT),  # largest rate of the force that keeps the contact within its bounds; infinite if free [N]
         ("lower", _FLOAT),  # least such rate [N]
@@ -206,7 +206,7 @@ BLOCK = np.dtype(
     ],
     align=True,
 )
-"""A row of the present block: one contact, or a sleeping run of contacts."""
+"""A row of the present block: one contact, or a sleeping cluster of contacts."""
 
 DRAWN = np.dtype(
     [
@@ -220,14 +220,17 @@ DRAWN = np.dtype(
 BREAK = np.dtype([("at", _FLOAT), ("slope", _FLOAT), ("jump", _FLOAT)], align=True)
 """A breakpoint of `project`: the slope on the side that is further from the zero, and the jump at it."""
 
-RUN = np.dtype(
+CLUSTER = np.dtype(
     [
         ("first", _INT),  # its contacts are first .. last, each with the spring before it
         ("last", _INT),
-        ("parent", _INT),  # run that it is part of, -1 if there is none
-        ("child", _INT),  # first of the runs that it consists of, -1 for a leaf
+        ("parent", _INT),  # cluster that it is part of, -1 if there is none
+        ("child", _INT),  # first of the clusters that it consists of, -1 for a leaf
         ("whole", _BYTE),  # whether it has as many parts as others, and a spring before it
-        ("sleeps", _BYTE),  # whether its contacts are followed as one; contacts of a part of a sleeping run sleep, too
+        (
+            "sleeps",
+            _BYTE,
+        ),  # whether its contacts are followed as one; contacts of a part of a sleeping cluster sleep, too
         ("mark", _LONG),  # number of the block that it was last in
         ("compliance", _FLOAT),  # of all its springs together [m/N]
         ("stretch", _FLOAT),  # velocity that its springs add if the rate of the tension before it is zero [m]
@@ -250,7 +253,7 @@ RUN = np.dtype(
     ],
     align=True,
 )
-"""A run of contacts of a long chain."""
+"""A cluster of contacts of a long chain."""
 
 SEVERAL = 2
 """Value of `shifted` in a RAMP where several translations are admissible."""
@@ -266,9 +269,9 @@ SEARCH = np.dtype(
         ("behind", _INT),
         ("reach", _INT),  # neighbouring contacts at rest that it may contain at an end
         ("guards", _BYTE),  # ends of the path that neighbours at rest continue: BACKWARD, FORWARD
-        ("woken", _BYTE),  # whether runs of the block woke, so that it must be found anew
-        ("asleep", _BYTE),  # whether runs may be asleep
-        ("leaf_size", _INT),  # number of contacts of a leaf, and of the parts of other runs
+        ("woken", _BYTE),  # whether clusters of the block woke, so that it must be found anew
+        ("asleep", _BYTE),  # whether clusters may be asleep
+        ("leaf_size", _INT),  # number of contacts of a leaf, and of the parts of other clusters
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
         ("projects_after", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
@@ -454,7 +457,7 @@ class Model(NamedTuple):
     """Rows for the pieces of the path, output, see `motion.pieces`; none unless asked for."""
     ground: Any
     """The `Terrain`; None without patches, where nothing of it is compiled."""
-    runs: Any
-    """RUN, leaves first, shape (R,); None for short chains and other bodies, where nothing of it is compiled."""
+    clusters: Any
+    """CLUSTER, leaves first, shape (R,); None for short chains and other bodies, where nothing of it is compiled."""
     curves: Any
     """The `Curves`; None if all springs are linear, where nothing of it is compiled."""

@@ -80,10 +80,10 @@ class Crossing:
         for _ in range(_MOST * len(self.touching)):
             goal = target.copy()
             goal[friction] *= self._factors()
-            crossed, part, jumps = self._follow_to_border(goal)
+            crossed, fraction, jumps = self._follow_to_border(goal)
             rest = 1.0 - place
-            self._jumps += [dataclasses.replace(jump, part=place + jump.part * rest) for jump in jumps]
-            place = 1.0 if part == 1.0 else place + part * rest
+            self._jumps += [dataclasses.replace(jump, fraction=place + jump.fraction * rest) for jump in jumps]
+            place = 1.0 if fraction == 1.0 else place + fraction * rest
             self._change_ground(crossed, (begin + place * (target - begin))[friction], place)
             if place == 1.0:
                 return self._jumps
@@ -141,7 +141,7 @@ class Crossing:
         """Let friction fall at fixed commands; return the points that come to further borders, and the energy lost."""
         state, x, stored = self.state, self.state.x.copy(), _stored(self.state)
         crossed, _, jumps = self._follow_to_border(goal)
-        self._jumps += [dataclasses.replace(jump, part=float(place)) for jump in jumps]
+        self._jumps += [dataclasses.replace(jump, fraction=float(place)) for jump in jumps]
         moved = state.x - x
         released = stored - _stored(state) + (float((state.loads * moved).sum()) if state.loads.size else 0.0)
         kept = resist_all(state.frame, goal, state.x, moved) + sum(jump.loss for jump in jumps)
@@ -169,18 +169,18 @@ class Crossing:
             crossed, first, beyond = self._compare(before[0])
             if beyond <= _BEYOND * self.tolerance or high - low <= _SHORTEST:
                 break
-            part = low + (0.5 if k % 3 == 2 else first) * (high - low)
+            fraction = low + (0.5 if k % 3 == 2 else first) * (high - low)
             self._restore(before)
-            row = begin + part * (goal - begin)
+            row = begin + fraction * (goal - begin)
             trial = [j for _, j in self.follow(row) if j is not None]
             if self._compare(before[0])[0]:
-                after, high, found = self._save(), part, trial
+                after, high, found = self._save(), fraction, trial
             else:
                 self._leave_borders(before[0])
-                before, low = self._save(), part
+                before, low = self._save(), fraction
                 jumps += trial
             self._restore(after)
-        share = [dataclasses.replace(jump, part=high) for jump in (*jumps, *found)]
+        share = [dataclasses.replace(jump, fraction=high) for jump in (*jumps, *found)]
         return crossed, high, share
 
     def _compare(self, before: PlanarState) -> tuple[dict[int, int], float, float]:
@@ -194,12 +194,12 @@ class Crossing:
         start, end = (self.state.frame.position + s.displacement for s in (before, state))
         crossed, first, farthest = {}, 1.0, 0.0
         for i in self.touching.tolist():
-            part, region = regions.cross(int(before.region[i]), start[i], end[i])
-            if part < 1.0:
+            fraction, region = regions.cross(int(before.region[i]), start[i], end[i])
+            if fraction < 1.0:
                 length = float(np.hypot(*(end[i] - start[i])))
                 crossed[i] = region
-                first = min(first, part + 0.5 * allowed / length)
-                farthest = max(farthest, (1.0 - part) * length)
+                first = min(first, fraction + 0.5 * allowed / length)
+                farthest = max(farthest, (1.0 - fraction) * length)
         for i in np.flatnonzero(state.behind != state.region).tolist():
             if i in crossed or np.hypot(*(end[i] - start[i])) > allowed:
                 continue

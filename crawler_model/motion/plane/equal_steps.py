@@ -53,7 +53,7 @@ def extrapolate_number(table, at, value, pieces):
 
 
 @lean
-def find_stop(velocity, part, total, last, pieces, negligible):
+def find_stop(velocity, fraction, total, last, pieces, negligible):
     """Estimate the part of a walk up to where the first point stops, from its velocity before and in the last step.
 
     Steps do not show a point that stops and moves back, unless it moves back by more than it moves forward in one of
@@ -62,7 +62,7 @@ def find_stop(velocity, part, total, last, pieces, negligible):
 
     Args:
         velocity: at the start, shape (N, 2) [m per unit of the way].
-        part: of the way, which the walk takes.
+        fraction: of the way, which the walk takes.
         total: displacement of the walk in its first N rows, shape (M, 2) [m].
         last: displacement of its last step, shape (N, 2) [m].
         pieces: number of its steps.
@@ -77,7 +77,7 @@ def find_stop(velocity, part, total, last, pieces, negligible):
         size = norm(total[i, 0], total[i, 1])
         if size == 0.0:
             continue
-        start = part * (velocity[i, 0] * total[i, 0] + velocity[i, 1] * total[i, 1]) / size
+        start = fraction * (velocity[i, 0] * total[i, 0] + velocity[i, 1] * total[i, 1]) / size
         latest = (last[i, 0] * total[i, 0] + last[i, 1] * total[i, 1]) * pieces / size
         before = start if pieces == 1 else (size - latest / pieces) / others
         slowing = 2.0 * (before - latest)
@@ -110,15 +110,15 @@ def settles_within(frame, command, velocity, negligible):
     Returns:
         The part of the way; infinite if no contact counts, or paths are straight.
     """
-    part = np.inf
+    fraction = np.inf
     if not frame.vector or frame.directions.shape[0] > 0:
-        return part
+        return fraction
     for i in range(velocity.shape[0]):
         speed = norm(velocity[i, 0], velocity[i, 1])
         most = friction_of(frame, command, i)[2]
         if speed > 0.0 and most > frame.grip[i] * negligible:
-            part = min(part, _SETTLED * most / (frame.grip[i] * speed))
-    return part
+            fraction = min(fraction, _SETTLED * most / (frame.grip[i] * speed))
+    return fraction
 
 
 @lean

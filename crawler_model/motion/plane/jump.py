@@ -94,12 +94,12 @@ def _shrinks(frame, x):
 
 
 @compiled
-def jump(frame, state, target, part, moved, account):
+def jump(frame, state, target, fraction, moved, account):
     """Move to another equilibrium at a place of a ramp.
 
     Args:
         state: as for `follow_ramp`, changed in place.
-        part: part of the way to the target at which the body jumps.
+        fraction: part of the way to the target at which the body jumps.
 
     Returns:
         Whether there is one; the contact that moved farthest, how far [m], and the energy lost in addition to friction
@@ -108,7 +108,7 @@ def jump(frame, state, target, part, moved, account):
     x, gained, command, yaw = state
     n = x.shape[0]
     now = np.empty(command.shape[0])
-    command_at(command, target, part, now)
+    command_at(command, target, fraction, now)
     force = np.empty((n, 2))
     before = energy_of(frame, command, x)
     work = work_of(frame, x, command, now)

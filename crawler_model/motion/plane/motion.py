@@ -170,7 +170,7 @@ class PlaneMotion:
                     ahead, found, jumps = self._move_on(state, frame, target, velocity, way, account)
                 before = strayed
                 if found is not None:
-                    progress[PLACE] = landed = found.part
+                    progress[PLACE] = landed = found.fraction
                     progress[LENGTH] = ahead
                     jump = found if jumps else None
                     strayed = strayed or (not jumps and found.distance > self.tolerance)
@@ -209,8 +209,8 @@ class PlaneMotion:
         before = [array.copy() for array in arrays]
         while True:
             own = np.zeros(ACCOUNT_SIZE)
-            part = min(ahead / (1.0 - place), 1.0)
-            found, contact, distance, loss = jump(frame, arrays, target, part, velocity, own)
+            fraction = min(ahead / (1.0 - place), 1.0)
+            found, contact, distance, loss = jump(frame, arrays, target, fraction, velocity, own)
             balanced = found and balances(frame, state.command, state.x, own, loss, _PRECISE * self.tolerance)
             if balanced or ahead <= _AHEAD:
                 break
@@ -220,7 +220,7 @@ class PlaneMotion:
         if not found:
             return ahead, None, False
         far = distance > self.tolerance
-        jumps = far and (not balanced or self._buckles(frame, before, target, part, velocity, distance))
+        jumps = far and (not balanced or self._buckles(frame, before, target, fraction, velocity, distance))
         allowed = self.body.turning is not None and self.body.turning.jumps
         own[RESIDUAL] -= min(loss, 0.0) if jumps else loss
         if not jumps:
@@ -233,7 +233,7 @@ class PlaneMotion:
             )
         account += own
         account[VISITED] = min(account[VISITED], state.visited_margin(state.force))
-        end = 1.0 if part == 1.0 else place + ahead
+        end = 1.0 if fraction == 1.0 else place + ahead
         return ahead, Jump(ramp, end, int(contact), None, float(distance), float(max(loss, 0.0))), jumps
 
     def _buckles(
@@ -241,12 +241,12 @@ class PlaneMotion:
         frame: Frame,
         state: list[np.ndarray],
         target: np.ndarray,
-        part: float,
+        fraction: float,
         moved: np.ndarray,
         distance: float,
     ) -> bool:
         """Determine whether a body that moved by a distance with a part of a ramp, and lost no energy, has buckled."""
-        found, _, nearer, _ = jump(frame, tuple(state), target, part / _NEARER, moved, np.zeros(ACCOUNT_SIZE))
+        found, _, nearer, _ = jump(frame, tuple(state), target, fraction / _NEARER, moved, np.zeros(ACCOUNT_SIZE))
         spent = frame.effort[0] > frame.effort[1]  # which decides nothing
         return not spent and (not found or distance < _CONTINUOUS * nearer)
 

@@ -127,13 +127,13 @@ def predict_first_slide(frame, x, command, target, negligible, velocity, force):
     moved = np.empty((n, 2))
     after = np.empty((n, 2))
     pull(frame, command, x, force, np.empty(n))
-    part = _TURNING_GLANCE if not frame.vector else (_GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE)
+    fraction = _TURNING_GLANCE if not frame.vector else (_GLANCE if frame.directions.shape[0] == 0 else _LONG_GLANCE)
     while True:
         unique = True
-        command_at(command, target, part, now)
+        command_at(command, target, fraction, now)
         for i in range(n):
             for c in range(2):
-                moved[i, c] = x[i, c] + part * velocity[i, c]
+                moved[i, c] = x[i, c] + fraction * velocity[i, c]
         solved, _ = solve_stage(frame, now, x, moved, after, 0.0)
         if not solved:
             return np.inf, unique
@@ -141,30 +141,30 @@ def predict_first_slide(frame, x, command, target, negligible, velocity, force):
             unique = choose_translation(frame, now, x, moved, after)
         first = np.inf
         for i in range(n):
-            velocity[i, 0] = (moved[i, 0] - x[i, 0]) / part
-            velocity[i, 1] = (moved[i, 1] - x[i, 1]) / part
+            velocity[i, 0] = (moved[i, 0] - x[i, 0]) / fraction
+            velocity[i, 1] = (moved[i, 1] - x[i, 1]) / fraction
             speed = norm(velocity[i, 0], velocity[i, 1])
             gap = gap_of(frame, command, x, i, force)
             if frame.directions.shape[0] > 0 and gap < np.inf:
-                first = min(first, part * time_to_edge(frame, command, now, i, force, after))
+                first = min(first, fraction * time_to_edge(frame, command, now, i, force, after))
             elif gap < np.inf and speed == 0.0 and frame.vector:
                 at, _, mu = friction_of(frame, command, i)
                 f0, f1 = force[i]
                 rates = (after[i, 0] - f0) / mu, (after[i, 1] - f1) / mu, now[at] / mu - 1.0
-                first = min(first, part * _time_to_reach(f0 / mu, f1 / mu, *rates, np.inf))
+                first = min(first, fraction * _time_to_reach(f0 / mu, f1 / mu, *rates, np.inf))
             elif gap < np.inf and speed == 0.0:
                 u0, u1 = load_part(frame, command, x, i, force[i, 0], force[i, 1])
                 v0, v1 = load_part(frame, now, moved, i, after[i, 0], after[i, 1])
-                first = min(first, _time_to_reach(u0, u1, (v0 - u0) / part, (v1 - u1) / part, 0.0, _INWARDS))
+                first = min(first, _time_to_reach(u0, u1, (v0 - u0) / fraction, (v1 - u1) / fraction, 0.0, _INWARDS))
             elif frame.grip[i] * negligible < gap < np.inf:  # it starts within sight
-                first = min(first, part * gap / (gap + frame.grip[i] * part * speed))
-        if not first < part or part <= _LEAST_PART:
+                first = min(first, fraction * gap / (gap + frame.grip[i] * fraction * speed))
+        if not first < fraction or fraction <= _LEAST_PART:
             return first, unique
-        part *= _SHORTER  # an event within changed the velocities
+        fraction *= _SHORTER  # an event within changed the velocities
 
 
 @inner
-def _finish_part(frame, x, command, target, part, best, after, allowed, solved):
+def _finish_part(frame, x, command, target, fraction, best, after, allowed, solved):
     """Solve for the end of a part of a ramp, where friction balances the forces, as at the end of an implicit step.
 
     The displacement, the dissipation and the work of the loads in `best` then extend to that end. `allowed` is
@@ -178,7 +178,7 @@ def _finish_part(frame, x, command, target, part, best, after, allowed, solved):
     force = np.empty((n, 2))
     now = np.empty(command.shape[0])
     base = np.empty((n, 2))
-    command_at(command, target, part, now)
+    command_at(command, target, fraction, now)
     for i in range(n):
         for c in range(2):
             base[i, c] = after[i, c] = x[i, c] + best[i, c]
@@ -221,12 +221,12 @@ def _part_of_friction(frame, command, force):
 
 
 @inner
-def _take(frame, x, gained, command, yaw, target, part, best, after, account):
+def _take(frame, x, gained, command, yaw, target, fraction, best, after, account):
     """Apply a part of a ramp to the state, and write its account."""
     n = x.shape[0]
     force = np.empty((n, 2))
     size = np.empty(n)
-    command_at(command, target, part, command)
+    command_at(command, target, fraction, command)
     before = yaw_of(frame, x) if not frame.vector else 0.0
     for i in range(n):
         for c in range(2):
@@ -282,12 +282,12 @@ def _advance(frame, x, gained, command, yaw, target, tolerance, velocity, accoun
     stops = 0
     for _ in range(_MOST_TRIALS):
         length = min(wanted, aim, rest)
-        part = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
+        fraction = 1.0 if length >= rest * (1.0 - CRITICAL) else length / rest
         share = max(tolerance * max(length, _LEAST_SHARE), rounding)
         allowed = max(share, _SPENT * progress[LEFT])
         # a longer part may miss more: in proportion to its length, and what earlier parts have left
         outcome, error, growth, unique = extrapolate_part(
-            frame, x, command, target, part, velocity, force, allowed, tolerance, longest / rest, determined, best
+            frame, x, command, target, fraction, velocity, force, allowed, tolerance, longest / rest, determined, best
         )
         # an event lies within the part: aim at it, just beyond a start or just short of a stop
         if outcome == START:
@@ -310,7 +310,7 @@ def _advance(frame, x, gained, command, yaw, target, tolerance, velocity, accoun
             paid = max(error - share, 0.0)
             if outcome >= TAKEN and paid <= _AT_ONCE * progress[LEFT]:
                 solved, lasts, residual, shift = _finish_part(
-                    frame, x, command, target, part, best, after, allowed, outcome == AT_END
+                    frame, x, command, target, fraction, best, after, allowed, outcome == AT_END
                 )
                 settled = solved and lasts
                 # a fall that ends far away begins before the end of the part
@@ -323,10 +323,10 @@ def _advance(frame, x, gained, command, yaw, target, tolerance, velocity, accoun
                     after_this = round_down(frame, min(max(growth, 0.3), _LONGER) * length)
                     progress[LENGTH] = max(wanted, after_this) if length >= aim else after_this
                     progress[LONGEST] = 0.0 if length >= aim else _LONGER * length
-                    _take(frame, x, gained, command, yaw, target, part, best, after, account)
+                    _take(frame, x, gained, command, yaw, target, fraction, best, after, account)
                     unique = unique and (frame.vector or is_held(frame, command, after, best))
                     account[AMBIGUOUS] = max(account[AMBIGUOUS], 0.0 if unique or length < _GLANCE else 1.0)
-                    return part
+                    return fraction
                 if length < _LEAST_FALL:
                     break
                 growth = 0.5
@@ -363,23 +363,23 @@ def follow_ramp(fields, state, target, tolerance, velocity, account, progress):
     while progress[PLACE] < 1.0 and progress[PATIENCE] > 0.0:
         progress[PATIENCE] -= 1.0
         creeps = parts == _CREEPING * n and progress[PLACE] - begin < _LEAST_FALL and not frame.vector
-        part = 0.0
+        fraction = 0.0
         if not creeps:
-            part = _advance(frame, x, gained, command, yaw, target, tolerance, velocity, account, progress, best)
-        if part == 0.0:
+            fraction = _advance(frame, x, gained, command, yaw, target, tolerance, velocity, account, progress, best)
+        if fraction == 0.0:
             for i in range(n):
                 for c in range(2):
                     velocity[i, c] = best[i, c]
             return False
         for i in range(n):  # of several solutions, the last part's goes on
             for c in range(2):
-                velocity[i, c] = best[i, c] * (1.0 - part) / part
+                velocity[i, c] = best[i, c] * (1.0 - fraction) / fraction
         if parts == _CREEPING * n:
             parts = 0
             begin = progress[PLACE]
         parts += 1
         rest = 1.0 - progress[PLACE]
-        progress[PLACE] = 1.0 if part == 1.0 else progress[PLACE] + part * rest
+        progress[PLACE] = 1.0 if fraction == 1.0 else progress[PLACE] + fraction * rest
         if frame.vector:
             continue
         margin = least_eigenvalue(stiffness_of(frame, command, x, best, 2.0)[0])

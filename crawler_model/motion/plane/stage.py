@@ -195,19 +195,19 @@ def _search(frame, command, base, anchor, x, force, eta, bold):
         pivot = find_step(frame, command, x, rows, step, eta)
         if not pivot > 0.0:
             return False, False
-        part = _shorten(frame, step)
+        fraction = _shorten(frame, step)
         for _ in range(_FEW_HALVINGS if bold else _MOST_HALVINGS):
             for i in range(n):
                 for c in range(2):
-                    trial[i, c] = x[i, c] + part * step[i, c] if part < 1.0 or rows[i, 12] > 0.0 else base[i, c]
+                    trial[i, c] = x[i, c] + fraction * step[i, c] if fraction < 1.0 or rows[i, 12] > 0.0 else base[i, c]
             frame.effort[0] += n
             pull(frame, command, trial, force, size)
             _hold(frame, eta, anchor, trial, force, size)
             worst, after = linearise(frame, command, trial, base, force, size, rows)
-            enough = _SLOW if bold else 1.0 - _GAIN * part
+            enough = _SLOW if bold else 1.0 - _GAIN * fraction
             if after <= enough * miss or (bold and after <= _FAR and turn < _BOLD):
                 break
-            part *= 0.5
+            fraction *= 0.5
         else:
             return False, True
         assign(x, trial)

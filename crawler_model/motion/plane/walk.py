@@ -36,16 +36,16 @@ done in one step of vector springs, at whose end friction balances the forces.""
 
 
 @lean
-def command_at(command, target, part, now):
+def command_at(command, target, fraction, now):
     """Interpolate a command on the way to its target.
 
     Args:
         command: the command in force, shape (C,).
-        part: part of the way.
+        fraction: part of the way.
         now: output, shape (C,).
     """
     for k in range(command.shape[0]):
-        now[k] = target[k] if part == 1.0 else command[k] + part * (target[k] - command[k])
+        now[k] = target[k] if fraction == 1.0 else command[k] + fraction * (target[k] - command[k])
 
 
 @lean
@@ -69,12 +69,12 @@ def work_of(frame, x, before, after):
 
 
 @inner
-def take_equal_steps(frame, start, command, target, part, pieces, determined, step, total, slid):
+def take_equal_steps(frame, start, command, target, fraction, pieces, determined, step, total, slid):
     """Take part of the way in equal steps.
 
     Args:
         start: displacements at the start, shape (N, 2) [m].
-        part: part of the way to the target.
+        fraction: part of the way to the target.
         pieces: number of steps.
         determined: whether the translation is determined at the start.
         step: guess of the first step, changed in place, shape (N, 2) [m].
@@ -95,7 +95,7 @@ def take_equal_steps(frame, start, command, target, part, pieces, determined, st
     slid[:] = 0.0
     unique = True
     for piece in range(pieces):
-        command_at(command, target, part if piece == pieces - 1 else part * (piece + 1) / pieces, now)
+        command_at(command, target, fraction if piece == pieces - 1 else fraction * (piece + 1) / pieces, now)
         for i in range(n):
             for c in range(2):
                 x[i, c] = base[i, c] + step[i, c]
@@ -167,7 +167,7 @@ def _foresee(frame, start, command, moved, expected, force, negligible):
 
 
 @inner
-def _find_crossing(frame, start, command, target, part, moved, force, negligible):
+def _find_crossing(frame, start, command, target, fraction, moved, force, negligible):
     """Estimate the part of a step up to where the force on a point that slides changes to another quarter of its set.
 
     The boundary has another curvature there, and so have paths: extrapolation across it converges only by chance.
@@ -180,7 +180,7 @@ def _find_crossing(frame, start, command, target, part, moved, force, negligible
     now = np.empty(command.shape[0])
     x = np.empty((n, 2))
     after = np.empty((n, 2))
-    command_at(command, target, part, now)
+    command_at(command, target, fraction, now)
     for i in range(n):
         x[i, 0] = start[i, 0] + moved[i, 0]
         x[i, 1] = start[i, 1] + moved[i, 1]
@@ -281,7 +281,7 @@ def _missed(frame, start, command, moved, force, negligible):
 
 @inner
 def extrapolate_part(
-    frame, start, command, target, part, velocity, force, allowed, tolerance, longest, determined, best
+    frame, start, command, target, fraction, velocity, force, allowed, tolerance, longest, determined, best
 ):
     """Compute the displacement over a part of the way and its error.
 
@@ -291,7 +291,7 @@ def extrapolate_part(
 
     Args:
         start: displacements at the start, shape (N, 2) [m].
-        part: part of the way to the target.
+        fraction: part of the way to the target.
         velocity: at the start, shape (N, 2) [m per unit of the way].
         force: that friction balances at the start, shape (N, 2) [N].
         allowed: the error allowed for this part [m].
@@ -319,11 +319,11 @@ def extrapolate_part(
     for i in range(n):
         total += friction_of(frame, command, i)[2]
         for c in range(2):
-            expected[i, c] = step[i, c] = part * velocity[i, c]
+            expected[i, c] = step[i, c] = fraction * velocity[i, c]
     per_force = 1.0 / total if total > 0.0 else 0.0
     for pieces in range(1, _WALKS + 1):
         keeps = determined and pieces == 1
-        solved, also = take_equal_steps(frame, start, command, target, part, pieces, keeps, step, best, slid)
+        solved, also = take_equal_steps(frame, start, command, target, fraction, pieces, keeps, step, best, slid)
         unique = unique and also
         if not solved:
             return FAILED, np.inf, 0.5, True
@@ -336,18 +336,18 @@ def extrapolate_part(
                 error = _missed(frame, start, command, best, force, _AT_ONE_PLACE * negligible)
                 if error <= allowed:
                     return AT_END, error, 4.0, unique
-                if part > longest and settling_way(frame, command, best, force) > allowed:
-                    return LONG, np.inf, longest / part, unique
+                if fraction > longest and settling_way(frame, command, best, force) > allowed:
+                    return LONG, np.inf, longest / fraction, unique
             outcome, factor, moves = _foresee(frame, start, command, best, expected, force, negligible)
             if outcome != TAKEN or moves > 0.0:
                 return outcome, moves, factor, unique
-            crossing = _find_crossing(frame, start, command, target, part, best, force, negligible)
+            crossing = _find_crossing(frame, start, command, target, fraction, best, force, negligible)
             if crossing < 1.0:
                 return CROSS, np.inf, crossing, unique
         elif not _same_points(one, slid, pieces, negligible):
             return TAKEN, np.inf, 0.5, unique
         # a point that turns back has stopped before
-        stop = find_stop(velocity, part, best, step, pieces, negligible)
+        stop = find_stop(velocity, fraction, best, step, pieces, negligible)
         if stop < 1.0:
             return STOP, np.inf, stop, unique
         if pieces == 1:
@@ -365,7 +365,7 @@ def extrapolate_part(
             for c in range(2):
                 step[i, c] = one[i, c] / (pieces + 1.0)
     if error <= tolerance:  # a single step may end short of a change
-        crossing = _find_crossing(frame, start, command, target, part, best, force, negligible)
+        crossing = _find_crossing(frame, start, command, target, fraction, best, force, negligible)
         if crossing < 1.0:
             return CROSS, np.inf, crossing, unique
     return TAKEN, error, growth, unique

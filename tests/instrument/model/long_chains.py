@@ -1,4 +1,4 @@
-"""Chains followed with sleeping runs of contacts and without, to compare.
+"""Chains followed with sleeping clusters of contacts and without, to compare.
 
 The rows of a drive are rest lengths, or rest lengths, forward and backward friction.
 """

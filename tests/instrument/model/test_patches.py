@@ -51,7 +51,7 @@ def test_a_step_down_in_friction_makes_a_contact_jump(between, factor):
     drop = 0.4 * (1.0 - factor)
     (jump,) = step.jumps
     assert (jump.contact, jump.border) == (1, 1.25)
-    assert jump.part == pytest.approx(0.325, abs=1e-13)
+    assert jump.fraction == pytest.approx(0.325, abs=1e-13)
     assert jump.distance == pytest.approx(drop, abs=1e-13)
     assert jump.loss == step.jump_loss == pytest.approx(0.5 * drop**2, abs=1e-13)
     assert crawler.displacement == pytest.approx([0.0, 2.0 - 0.4 * factor], abs=1e-13)

@@ -11,10 +11,10 @@ from ....compiled import inlined, lean
 from ....rounding import CRITICAL, NOISE, SHORTEST_STRETCH
 from ..advance import advance
 from ..block import leave_bounds
+from ..clusters import wake_all
 from ..ground.falls import draw_all
 from ..ground.gradual import holds_body
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
-from ..runs import wake_all
 from ..springs.bends import find_lengths, near_of
 from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
 from .interval import follow_strays, let_stray
@@ -286,7 +286,7 @@ def _begin_shift(contacts, springs, model, ramp):
     ramp.shifted = 1
     ramp.slower = ramp.faster = 0.0
     ramp.until = ramp.end
-    wake_all(contacts, springs, model.runs, ramp)
+    wake_all(contacts, springs, model.clusters, ramp)
     draw_all(contacts, model.ground, ramp)
     for i in range(contacts.shape[0]):
         leave_bounds(contacts[i], ramp)

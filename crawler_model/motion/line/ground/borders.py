@@ -238,7 +238,7 @@ def open_jump(c, ground, ramp, i, border):
     if ramp.fall.jumps <= ground.jumps.shape[0]:
         jump = ground.jumps[ramp.fall.jumps - 1]
         jump.ramp, jump.contact = ramp.number, i
-        jump.part = ramp.done + (ramp.fall.rests if ramp.fall.falling else ramp.s) * (1.0 - ramp.done)
+        jump.fraction = ramp.done + (ramp.fall.rests if ramp.fall.falling else ramp.s) * (1.0 - ramp.done)
         jump.border, jump.x = border, c.x
 
 

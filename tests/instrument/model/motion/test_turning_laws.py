@@ -206,4 +206,4 @@ def test_a_body_that_creeps_up_to_a_fold_jumps_there(seed):
     steps = [body.advance(goal) for goal in document["drive"]["actuation"][1:]]
     assert not any(step.overspent for step in steps)
     assert steps[-1].jumps
-    assert all(jump.part < 1.0 and jump.loss > 0.0 for jump in steps[-1].jumps)
+    assert all(jump.fraction < 1.0 and jump.loss > 0.0 for jump in steps[-1].jumps)
