@@ -263,6 +263,18 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             break
 
 
+def _list_slopes(scene: Plan) -> dict[str, float]:
+    """List the slopes of the ground by their keys, of a profile the steepest one [degrees]."""
+    ground = scene.parts.ground if isinstance(scene, Scene) else None
+    if ground is None:
+        return {}
+    found = {"ground.slope": ground.slope}
+    found |= {f"ground.patches[{i}].slope": patch.slope or 0.0 for i, patch in enumerate(ground.patches)}
+    if ground.profile is not None:
+        found["ground.profile.slope"] = max(ground.profile.slope or (0.0,), key=abs)
+    return found
+
+
 def _print_units(scene: Plan, screen: Console) -> None:
     """Warn about lengths far beyond the body's and slopes that are nearly none: most are due to wrong units."""
     body, drive = scene.body, scene.drive
@@ -285,12 +297,12 @@ def _print_units(scene: Plan, screen: Console) -> None:
     bent = float(np.abs(drive.actuation[:, body.springs :]).max(initial=0.0)) if body.turning is not None else 0.0
     if bent > _TOO_BENT:
         screen.print(f"[yellow]degrees for radians?[/] the drive turns a joint by {bent:g} rad; angles are in rad")
-    slope = float(np.degrees(scene.ground.slope))
-    if 0.0 < abs(slope) < _TOO_FLAT:
-        screen.print(
-            f"[yellow]radians for degrees?[/] ground.slope is {slope:g} degrees; {slope:g} rad would be "
-            f"{np.degrees(slope):.3g} degrees"
-        )
+    for name, slope in _list_slopes(scene).items():
+        if 0.0 < abs(slope) < _TOO_FLAT:
+            screen.print(
+                f"[yellow]radians for degrees?[/] {name} is {slope:g} degrees; {slope:g} rad would be "
+                f"{np.degrees(slope):.3g} degrees"
+            )
     if body.dimension == 2:
         bounds = drive.targets[:, drive.actuation.shape[1] :]
         friction = bounds[:, : bounds.shape[1] - drive.loads.shape[1]].max(axis=0)
