@@ -21,6 +21,7 @@ from .recordings.compare import compare
 from .replay import replay
 from .run import run_controller
 from .screen import (
+    PICTURES,
     READERS,
     ForceOption,
     SceneArgument,
@@ -71,7 +72,7 @@ app.command("simulate")(simulate_command)
 @app.command()
 def check(
     scene: SceneArgument,
-    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file: .png, .pdf or .svg.")] = None,
     mass: Annotated[
         float | None,
         typer.Option(help="Mass of each contact, kg, in segments kg/m: is the drive slow enough for it?"),
@@ -84,7 +85,7 @@ def check(
 
     from .check import choose_rate, print_report, summarise, with_mass
 
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
     loaded = load_scene(scene)
     if mass is not None:
         loaded = with_mass(loaded, mass)

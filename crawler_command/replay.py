@@ -13,6 +13,7 @@ from crawler_model import CrawlerError
 from crawler_ros.node.life.exit import STOPPED
 
 from .screen import (
+    PICTURES,
     READERS,
     ForceOption,
     NamespaceOption,
@@ -48,7 +49,7 @@ def replay(
     as_json: JsonOption = False,
     rrd: Annotated[Path | None, typer.Option(help="Write the run to this file for rerun.")] = None,
     parquet: Annotated[Path | None, typer.Option(help="Write tables, or a data set, to this new folder.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw one page to this file: .png, .pdf or .svg.")] = None,
     two_columns: TwoColumnsOption = False,
     recover: Annotated[
         bool, typer.Option("--recover", help="Write the readable part of a damaged recording to a new one next to it.")
@@ -164,7 +165,7 @@ def _replay_many(
 def _check_outputs(rrd: Path | None, parquet: Path | None, png: Path | None, two_columns: bool, force: bool) -> None:
     if two_columns and png is None:
         raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
     check_output("--rrd", rrd, ".rrd", force)
     if parquet is not None and parquet.exists() and (not parquet.is_dir() or any(parquet.iterdir())):
         raise CrawlerError(f"--parquet: {parquet} exists already; choose a new folder")

@@ -160,7 +160,9 @@ def progress_bar(what: str) -> Iterator[ShowProgress]:
             announcer.show = None
 
 
-_WRITERS = {".png": "matplotlib", ".parquet": "pyarrow", ".csv": "pyarrow", ".rrd": "rerun"}
+PICTURES = (".png", ".pdf", ".svg")
+"""The ends of the names of pictures, the last two with lines and letters instead of pixels."""
+_WRITERS = {**dict.fromkeys(PICTURES, "matplotlib"), ".parquet": "pyarrow", ".csv": "pyarrow", ".rrd": "rerun"}
 """The library that writes each kind of file."""
 READERS = ("mcap", "zstandard", "rosbags")
 """The libraries that read recordings."""
@@ -201,13 +203,13 @@ def _is_installed(module: str) -> bool:
         return False
 
 
-def check_output(option: str, file: Path | None, suffix: str, force: bool) -> None:
+def check_output(option: str, file: Path | None, suffixes: str | tuple[str, ...], force: bool) -> None:
     """Check that a file can be written.
 
     Args:
         option: the option that names it, for error messages.
         file: the file; None to write none.
-        suffix: the end that its name must have.
+        suffixes: the end that its name must have, or several of which it must have one.
         force: whether it may exist.
 
     Raises:
@@ -217,8 +219,9 @@ def check_output(option: str, file: Path | None, suffix: str, force: bool) -> No
     if file is None:
         return
     folder = file.absolute().parent
-    if file.suffix != suffix:
-        raise CrawlerError(f"{option}: {file} must end in {suffix}")
+    known = (suffixes,) if isinstance(suffixes, str) else suffixes
+    if file.suffix not in known:
+        raise CrawlerError(f"{option}: {file} must end in {' or '.join(known)}")
     if not folder.is_dir():
         raise CrawlerError(f"{option}: the folder {folder} does not exist")
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -227,8 +230,8 @@ def check_output(option: str, file: Path | None, suffix: str, force: bool) -> No
         raise CrawlerError(f"{option}: {file} is a folder; it must be a file")
     if file.exists() and not force:
         raise CrawlerError(f"{option}: {file} exists already; choose another name, or use --force")
-    if suffix in _WRITERS:
-        require(_WRITERS[suffix])
+    if file.suffix in _WRITERS:
+        require(_WRITERS[file.suffix])
 
 
 def parse_slower_than(text: str) -> float:

@@ -17,6 +17,7 @@ from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.numbers import error_of, write_energy, write_length
 
 from .screen import (
+    PICTURES,
     DurationOption,
     ForceOption,
     MethodName,
@@ -110,7 +111,7 @@ def simulate_command(
     csv: Annotated[
         Path | None, typer.Option(help="The same table as .csv, with the names that measurements have.")
     ] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw one page to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw one page to this file: .png, .pdf or .svg.")] = None,
     two_columns: TwoColumnsOption = False,
     force: ForceOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
@@ -131,7 +132,7 @@ def simulate_command(
     if two_columns and png is None:
         raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):
-        check_output(option, file, option.replace("--", "."), force)
+        check_output(option, file, PICTURES if file is png else option.replace("--", "."), force)
     run = run_scene(loaded, duration, rate, None if method is MethodName.auto else method.value)
     if parquet is not None or csv is not None:
         with progress_bar("writing") as progress:

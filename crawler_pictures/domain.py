@@ -20,7 +20,7 @@ from .domain_panels import MOST_PANELS, MOST_SETS, draw_panels, draw_turning
 from .domain_text import STYLE, last_period, simulated
 from .domain_two import draw_two
 from .numbers import shorten
-from .style import own_style
+from .style import own_style, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ def draw_domain(scene: Plan, png: Path) -> None:
     if scene.body.dimension == 2:
         draw = _draw_plane if scene.body.turning is None else draw_turning
     with own_style(STYLE):
-        draw(scene, run).savefig(png, dpi=100, pil_kwargs={"optimize": True})
+        write_figure(draw(scene, run), png, 100)
 
 
 def _draw_plane(scene: Plan, run: Trajectory) -> Figure:

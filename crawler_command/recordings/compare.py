@@ -13,6 +13,7 @@ from crawler_model import CrawlerError
 
 from ..replay import JsonOption
 from ..screen import (
+    PICTURES,
     READERS,
     ForceOption,
     NamespaceOption,
@@ -41,7 +42,7 @@ def compare(
     ],
     scene: SceneOption = None,
     as_json: JsonOption = False,
-    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the runs to this file: .png, .pdf or .svg.")] = None,
     namespace: NamespaceOption = None,
     by_phase: Annotated[
         bool,
@@ -57,7 +58,7 @@ def compare(
     drives, however long these last, and begin with the first command. Two recordings or more are compared on simulated
     time.
     """
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
     scenes = [run for run in runs if not is_recording(run)]
     if len(scenes) < len(runs):
         require(*READERS)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..identify.forecast.predict import Forecast
 
@@ -44,4 +44,4 @@ def draw_forecast(found: Forecast, path: Path) -> None:
         named = ", ".join(one.name for one in found.depends_on_bounds)
         text = f"the bands cover all values that the record allows of {named}"
         below.set_title(text, loc="left", fontsize=8)
-    figure.savefig(path, format="png", dpi=120)
+    write_figure(figure, path, 120)

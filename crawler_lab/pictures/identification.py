@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from crawler_pictures.colors import LINES, TEXT
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..identify.fit.misfit import Misfit, find_period
 from ..identify.identification import Identification
@@ -78,7 +78,7 @@ def draw_identification(found: Identification, path: Path) -> None:
         found: the identification.
         path: the .png file.
     """
-    plot_identification(found).savefig(path, format="png", dpi=120)
+    write_figure(plot_identification(found), path, 120)
 
 
 @own_style()

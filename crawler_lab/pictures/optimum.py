@@ -17,7 +17,7 @@ from crawler_pictures.run.forces import draw_commands
 from crawler_pictures.run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
 from crawler_pictures.run.plane import draw_plane
 from crawler_pictures.run.trajectory import read_trajectory
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..optimise.landscape import map_plane, profile
 from ..optimise.optimum import Optimum
@@ -73,7 +73,7 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
     unit = "" if optimum.unit == "1" else f" {optimum.unit}"
     title = f"{shorten(optimum.scene.name)}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
     figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold", parse_math=False)
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)
 
 
 def _run_settled(optimum: Optimum) -> tuple[RunArrays, np.ndarray]:
@@ -183,4 +183,4 @@ def draw_front(front: Front, png: Path) -> None:
     axis.plot(costs, gains, color=TENSION, linewidth=1.0, marker="o", ms=5)
     axis.set(xlabel="cost of transport", ylabel="gain per period [m]")
     write_title(axis, f"{shorten(front.points[0].scene.name)}: going far and going cheaply")
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from crawler_pictures.colors import GREY, LINES
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..springs.springs import Springs
 
@@ -47,4 +47,4 @@ def draw_springs(found: Springs, path: Path) -> None:
     left.set_ylabel("residual, N")
     left.set_xlabel("row" if found.rate is None else "time, s")
     left.set_title("grey: 95 % of the noise between neighbouring rows", loc="left", fontsize=8)
-    figure.savefig(path, format="png", dpi=120)
+    write_figure(figure, path, 120)

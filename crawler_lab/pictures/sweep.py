@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model import CrawlerError
 from crawler_pictures.colors import ACTUATION, TENSION
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..sweep.results import UNITS, ManyRuns
 from ..sweep.vary import Variations
@@ -74,7 +74,7 @@ def draw_sweep(
     stopped = ", stopped early" if runs.interrupted else ""
     title = f"{shorten(variations.base.name)}: {len(runs)} variations{stopped}"
     axes.set_title(title, fontsize=10, loc="left", parse_math=False)
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)
 
 
 def _draw_line(axes: Axes, values: np.ndarray, gain: np.ndarray, runs: ManyRuns, logarithmic: bool) -> None:

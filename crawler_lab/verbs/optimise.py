@@ -13,6 +13,7 @@ import numpy as np
 import typer
 
 from crawler_command.screen import (
+    PICTURES,
     ForceOption,
     SceneArgument,
     ShowProgress,
@@ -263,7 +264,7 @@ def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises:
     if compromises and out is not None:
         raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
     check_output("--out", out, ".yaml", force)
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
 
 
 def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None]) -> None:

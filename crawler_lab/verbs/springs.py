@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from crawler_command.screen import ForceOption, check_output, require, screen, whole_file
+from crawler_command.screen import PICTURES, ForceOption, check_output, require, screen, whole_file
 from crawler_model import CrawlerError
 
 from .identify.options import SI, Units, parse_columns, parse_units
@@ -36,7 +36,7 @@ def springs_command(
         typer.Option(metavar="LENGTH,TIME", help="Units: m, cm, mm or um; s, ms or us. By default m,s; forces in N."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    png: Annotated[Path | None, typer.Option(help="Draw loop, model and residuals to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw loop, model and residuals to this file: .png, .pdf or .svg.")] = None,
     force: ForceOption = False,
 ) -> None:
     """Find the spring and the least number of elements of hysteresis that explain a measured loop.
@@ -52,7 +52,7 @@ def springs_command(
     from ..springs.springs import fit_springs
 
     require("pyarrow")
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
     found = fit_springs(
         table.name, *_read_loop(table, parse_columns(columns or ()), SI if units is None else parse_units(units))
     )

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from crawler_command.screen import check_output, whole_file
+from crawler_command.screen import PICTURES, check_output, whole_file
 from crawler_command.units import unit_of
 from crawler_model import CrawlerError, Scene
 from crawler_model.theory.uniqueness import UNDETERMINED
@@ -133,8 +133,8 @@ def plan_sweep(
         png = out.with_suffix(".png")
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
         raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
-    for option, file, suffix in (("--out", out, ".parquet"), ("--png", png, ".png")):
-        check_output(option, file, suffix, force)
+    for option, file, suffixes in (("--out", out, ".parquet"), ("--png", png, PICTURES)):
+        check_output(option, file, suffixes, force)
     if column is not None and png is None:
         raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
     return Sweep(variations, settings, specs, out, png, column)

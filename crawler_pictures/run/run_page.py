@@ -15,7 +15,7 @@ from crawler_model.run.orientation import shape_orientation
 from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
 from ..ground import draw_areas, draw_jumps, draw_walls, list_sections
 from ..numbers import label_values, shorten
-from ..style import own_style
+from ..style import own_style, write_figure
 from .arrays import Commands, RunArrays
 from .cycles import MOST_BARS, draw_gains
 from .forces import (
@@ -90,7 +90,7 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     layout: Any = figure.get_layout_engine()
     layout.execute(figure)
     figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
-    figure.savefig(png, dpi=dpi)
+    write_figure(figure, png, dpi)
 
 
 def _halve(panels: list[Panel]) -> list[list[Panel]]:

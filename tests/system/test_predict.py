@@ -61,7 +61,7 @@ def test_the_drive_of_a_scene_file_and_that_of_the_scene_itself_are_predicted_al
         (("--from", "fit.json"), "predict: robot has no drive; without one nothing moves"),
         (("--from", "fit.json", "--drive", "fit.json"), "fit.json: no drive; it must have a part `drive:`"),
         (("--from", "unknown.json", "--drive", "gait.yaml"), f"depends on {LEFT}, which the record did not excite"),
-        (("--from", "fit.json", "--drive", "gait.yaml", "--png", "gait.pdf"), "--png: gait.pdf must end in .png"),
+        (("--from", "fit.json", "--drive", "gait.yaml", "--png", "gait.gif"), "--png: gait.gif must end in .png"),
     ],
 )
 def test_a_mistake_is_one_line(folder, asked, message):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from crawler_command.screen import (
+    PICTURES,
     READERS,
     ForceOption,
     check_output,
@@ -95,7 +96,7 @@ def identify_command(
     out: Annotated[
         Path | None, typer.Option(help="Write a scene with the values found, which plays the first recording.")
     ] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file: .png, .pdf or .svg.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write everything to this page, which needs no other file.")] = None,
     force: ForceOption = False,
 ) -> None:
@@ -139,8 +140,8 @@ def _check_files(
     """Refuse files that cannot be read or written before anything is computed."""
     for path in recordings:
         require(*(("pyarrow",) if _is_table(path) else READERS))
-    for option, file, suffix in (("--out", out, ".yaml"), ("--png", png, ".png"), ("--html", html, ".html")):
-        check_output(option, file, suffix, force)
+    for option, file, suffixes in (("--out", out, ".yaml"), ("--png", png, PICTURES), ("--html", html, ".html")):
+        check_output(option, file, suffixes, force)
     if html is not None:
         require("matplotlib")
 

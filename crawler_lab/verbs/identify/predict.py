@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from crawler_command.screen import ForceOption, SceneArgument, check_output, screen, whole_file
+from crawler_command.screen import PICTURES, ForceOption, SceneArgument, check_output, screen, whole_file
 
 if TYPE_CHECKING:
     from ...identify.forecast.predict import Forecast
@@ -29,7 +29,7 @@ def predict_command(
         float | None, typer.Option(help="Rate of the predicted positions, Hz; by default 400 samples in all.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    png: Annotated[Path | None, typer.Option(help="Draw the positions with their bands to this file.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Draw the positions with their bands to this file: .png, .pdf or .svg.")] = None,
     force: ForceOption = False,
 ) -> None:
     """Predict gain, energy and positions of an identified body under another drive, each with a 95 % band.
@@ -44,7 +44,7 @@ def predict_command(
 
     from ...identify.forecast.predict import predict
 
-    check_output("--png", png, ".png", force)
+    check_output("--png", png, PICTURES, force)
     found = predict(load_scene(scene), fit, drive, periods, rate)
     if png is not None:
         from ...pictures.forecast import draw_forecast

@@ -12,7 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..analysis import Replay
 from .compare import RunComparison
@@ -52,7 +52,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
     write_title(axes[1, 0], "dissipated energy; dashed: first difference of the commands")
     axes[1, 0].set_xlabel("simulated time [s]")
     _draw_cycles(axes[:, 1], runs)
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)
 
 
 def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
@@ -134,4 +134,4 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
     right.invert_yaxis()
     right.axvline(0.0, color="#9a9a9a", linewidth=0.8)
     right.set_xlabel("net translation in all [m]" + ("; bars: x, diamonds: y" if _explain(runs) else ""))
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)

@@ -16,7 +16,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, write_figure
 
 from ..analysis import Replay
 
@@ -254,4 +254,4 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
         write_title(axis, title)
     left.legend(handles=handles, loc="best", frameon=False, fontsize=8)
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
-    figure.savefig(png, dpi=110)
+    write_figure(figure, png, 110)
