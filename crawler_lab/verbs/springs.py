@@ -36,7 +36,9 @@ def springs_command(
         typer.Option(metavar="LENGTH,TIME", help="Units: m, cm, mm or um; s, ms or us. By default m,s; forces in N."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    png: Annotated[Path | None, typer.Option(help="Draw loop, model and residuals to this file: .png, .pdf or .svg.")] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Draw loop, model and residuals to this file: .png, .pdf or .svg.")
+    ] = None,
     force: ForceOption = False,
 ) -> None:
     """Find the spring and the least number of elements of hysteresis that explain a measured loop.

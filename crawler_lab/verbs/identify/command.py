@@ -96,7 +96,9 @@ def identify_command(
     out: Annotated[
         Path | None, typer.Option(help="Write a scene with the values found, which plays the first recording.")
     ] = None,
-    png: Annotated[Path | None, typer.Option(help="Draw measurements, model and residuals to this file: .png, .pdf or .svg.")] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Draw measurements, model and residuals to this file: .png, .pdf or .svg.")
+    ] = None,
     html: Annotated[Path | None, typer.Option(help="Write everything to this page, which needs no other file.")] = None,
     force: ForceOption = False,
 ) -> None:

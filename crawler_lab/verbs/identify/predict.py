@@ -29,7 +29,9 @@ def predict_command(
         float | None, typer.Option(help="Rate of the predicted positions, Hz; by default 400 samples in all.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
-    png: Annotated[Path | None, typer.Option(help="Draw the positions with their bands to this file: .png, .pdf or .svg.")] = None,
+    png: Annotated[
+        Path | None, typer.Option(help="Draw the positions with their bands to this file: .png, .pdf or .svg.")
+    ] = None,
     force: ForceOption = False,
 ) -> None:
     """Predict gain, energy and positions of an identified body under another drive, each with a 95 % band.
