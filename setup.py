@@ -41,6 +41,7 @@ setup(
             "phase_control = crawler_command.executables:phase_control",
             "path_control = crawler_command.executables:path_control",
             "policy = crawler_lab.executables:policy",
+            "plan = crawler_lab.executables:plan",
             "crawler = crawler_command.executables:crawler",
         ],
         "crawler.verbs": [

@@ -33,6 +33,7 @@ _OTHER_NODES = {
     "crawler-phase-control": "crawler_ros/examples/phase_control.py",
     "crawler-path-control": "crawler_ros/examples/path_control.py",
     "crawler-policy": "crawler_lab/gym/policy_node.py",
+    "crawler-plan": "crawler_lab/plan/plan_node.py",
 }
 
 _SCENES = """# Scene files: every key
@@ -85,7 +86,8 @@ For the parameters of the quality of service, `qos_overrides./TOPIC...`, see [th
 ## The other nodes
 
 The gait player plays the drive of `scene`, `periods` times (0: without end). For the parameters of the controllers see
-[their description](../controllers.md#three-controllers-to-copy), for the policy's [Learn a gait](../learn.md).
+[their description](../controllers.md#three-controllers-to-copy), for the policy's [Learn a gait](../learn.md), for
+the plan's [A controller that plans](../controllers.md#a-controller-that-plans).
 
 {others}"""
 _COMMAND = """# The crawler command

@@ -21,7 +21,7 @@ from ..processes import PATIENCE_S
 
 PACKAGE = "crawler_ros"
 CONTROLLERS = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
-EXECUTABLES = ("gait_player", "path_control", "phase_control", "policy", "replay", "simulator", "speed_control")
+EXECUTABLES = ("gait_player", "path_control", "phase_control", "plan", "policy", "replay", "simulator", "speed_control")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from crawler_command import executables
 from ..pages import ROOT
 
 BIN = Path(sys.executable).parent
-NODES = ["simulator", "gait_player", "speed_control", "phase_control", "path_control", "policy"]
+NODES = ["simulator", "gait_player", "speed_control", "phase_control", "path_control", "policy", "plan"]
 HOOK = """
 import os, signal, sys
 

@@ -153,8 +153,9 @@ def test_a_dead_simulator_ends_it(ros, number):
         ("crawler_ros.examples.speed_control", ()),
         ("crawler_ros.examples.path_control", ("right:=link_0",)),
         ("crawler_lab.gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
+        ("crawler_lab.plan.plan_node", ("scene:=two_anchor_a",)),
     ],
-    ids=["player", "phase", "speed", "path", "policy"],
+    ids=["player", "phase", "speed", "path", "policy", "plan"],
 )
 def test_a_second_simulator_ends_a_controller(ros, tmp_path, monkeypatch, module, parameters):
     """Their states would mix: distances jump, and each state seems to be a reset."""
