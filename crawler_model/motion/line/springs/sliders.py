@@ -123,7 +123,8 @@ def _settle(slider, bend, ramp, z):
     """Let the slip of a slider that yields follow z, and account for its dissipation."""
     slip = z - slider.mode * slider.reach
     if slip != slider.slip:
-        ramp.account.internal += slider.mode * slider.limit * (slip - slider.slip)
+        # a slip is a difference of rounded lengths, and may be a hair against the force
+        ramp.account.internal += max(slider.mode * slider.limit * (slip - slider.slip), 0.0)
         slider.slip = slip
         bend.slipped = 1
 
