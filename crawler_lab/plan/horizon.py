@@ -88,6 +88,13 @@ class Problem:
         except CommandError:
             return np.inf
 
+    def rests(self, rows: np.ndarray) -> bool:
+        """Return whether a plan moves no contact."""
+        try:
+            return bool((self.start.follow(rows) == self.start.x).all())
+        except CommandError:
+            return True
+
     def improve(self, rows: np.ndarray, damping: float) -> np.ndarray:
         """Take one Gauss-Newton step, exactly within the limits.
 
@@ -154,7 +161,7 @@ def solve_within(matrix: np.ndarray, right: np.ndarray, sides: np.ndarray, least
 
 
 def find_plan(problem: Problem, last: np.ndarray, stop: Callable[[], bool] = lambda: False) -> np.ndarray:
-    """Find a plan: from the last one or, where that promises less, from the best phase of a gait.
+    """Find a plan: from the last one or, where that is worse or rests, from the best phase of a gait.
 
     Args:
         problem: what to follow, from which state.
@@ -166,32 +173,43 @@ def find_plan(problem: Problem, last: np.ndarray, stop: Callable[[], bool] = lam
     """
     best = problem.limits.keep(problem.before, last)
     cost = problem.cost(best)
+    gait, cost_of_gait = best, np.inf
     for start in list_gaits(problem):
         if stop():
             return best
-        if (other := problem.cost(start)) < cost:
-            best, cost = start, other
+        if (other := problem.cost(start)) < cost_of_gait:
+            gait, cost_of_gait = start, other
+    if cost_of_gait < cost or problem.rests(best):
+        start, cost_of_gait = _improve_often(problem, gait, cost_of_gait, stop)
+        return start if cost_of_gait < cost else best
+    return _improve_often(problem, best, cost, stop)[0]
+
+
+def _improve_often(
+    problem: Problem, rows: np.ndarray, cost: float, stop: Callable[[], bool]
+) -> tuple[np.ndarray, float]:
+    """Take steps until they help no more; return the plan and its cost."""
     damping = _DAMPING
     for _ in range(_ITERATIONS):
         if stop():
             break
         try:
-            rows = problem.improve(best, damping)
+            changed = problem.improve(rows, damping)
         except (CommandError, RuntimeError):  # too many events; or too many steps of `nnls`
             break
-        other = problem.cost(rows)
+        other = problem.cost(changed)
         if other < cost:
             done = cost - other < _ENOUGH * cost
-            best, cost, damping = rows, other, 0.1 * damping
+            rows, cost, damping = changed, other, 0.1 * damping
             if done:
                 break
         else:
             damping *= 100.0
-    return best
+    return rows, cost
 
 
 def list_gaits(problem: Problem) -> list[np.ndarray]:
-    """List phases of gaits in which links lengthen one after another and shorten in the same order, and at rest.
+    """List phases of gaits in which links lengthen one after another and shorten in the same order.
 
     Args:
         problem: what to follow.
@@ -202,7 +220,7 @@ def list_gaits(problem: Problem) -> list[np.ndarray]:
     limits, count = problem.limits, problem.wanted.size
     span = limits.high - limits.low
     moved = np.flatnonzero(span > 0.0)
-    found = [np.tile(problem.before, (count, 1))]
+    found = []
     for part in _STROKES:
         steps = max(float((part * span[moved] / limits.change[moved]).max()), 0.5)  # for one stroke
         places = np.arange(2 * moved.size * _PHASES // 4) * (4.0 / _PHASES)

@@ -53,6 +53,17 @@ def test_it_follows_a_path_better_than_the_gait_of_the_same_speed():
     assert np.sqrt(np.mean(np.square(errors[20:]))) < 0.002
 
 
+def test_a_plan_that_rests_is_left_where_every_gait_goes_too_far():
+    """The body of 1 m goes 0.5 m in a stroke; 1 mm is reached by the closed form of the first slip."""
+    robot = build_robot(load_scene("tendon_worm"))
+    wanted = np.linspace(0.0005, 0.005, 10)
+    pulled = Limits(np.full(1, -1.0), np.zeros(1), np.full(1, 0.2), 0.001)
+    problem = Problem(robot.begin(np.zeros(2), np.zeros(1), robot.nominal), pulled, wanted)
+    rows = find_plan(problem, np.zeros((10, 1)))
+    assert problem.rests(np.zeros((10, 1)))
+    assert problem.start.follow(rows)[-1] @ robot.scene.body.share == pytest.approx(wanted[-1], abs=1e-3)
+
+
 def test_without_time_the_last_plan_goes_on():
     robot = build_robot(load_scene("three_contacts_one_way"))
     start = robot.begin(np.zeros(3), np.zeros(2), robot.nominal)
