@@ -34,6 +34,7 @@ _LONGEST = 20.0  # m: longer than any robot of the literature
 _SLOWEST = 200.0  # s
 _DIRECTIONS = {1: "forward", -1: "backward"}
 _TOO_BENT = 2.0 * np.pi  # a whole turn
+_TOO_ROUGH, _TOO_LATE = 0.2, 2.0  # lengths of the body; s
 _TOO_FLAT = 0.8  # degrees: in radians the slope of a steep hill
 
 
@@ -297,6 +298,14 @@ def _print_units(scene: Plan, screen: Console) -> None:
     bent = float(np.abs(drive.actuation[:, body.springs :]).max(initial=0.0)) if body.turning is not None else 0.0
     if bent > _TOO_BENT:
         screen.print(f"[yellow]degrees for radians?[/] the drive turns a joint by {bent:g} rad; angles are in rad")
+    sensors = scene.parts.sensors if isinstance(scene, Scene) else None
+    if sensors is not None and (rough := max(sensors.noise, sensors.drift, sensors.pixel)) > _TOO_ROUGH * length > 0.0:
+        screen.print(
+            f"[yellow]millimetres for metres?[/] sensors measure lengths to {rough:g} m, but the body is {length:g} m "
+            "long"
+        )
+    if sensors is not None and sensors.delay > _TOO_LATE:
+        screen.print(f"[yellow]milliseconds for seconds?[/] sensors.delay is {sensors.delay:g} s; times are in seconds")
     for name, slope in _list_slopes(scene).items():
         if 0.0 < abs(slope) < _TOO_FLAT:
             screen.print(

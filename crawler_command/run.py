@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+import yaml
 
 from crawler_model import CrawlerError
 
@@ -58,11 +59,16 @@ def run_controller(
     duration: Annotated[
         float | None, typer.Option(help="Simulated time after which both end, s; by default the controller decides.")
     ] = None,
+    parameters: Annotated[
+        list[str] | None,
+        typer.Option("-p", help="A parameter of the simulator, NAME:=VALUE, such as rate:=200.0; may be repeated."),
+    ] = None,
 ) -> None:
     """Run a simulator and a controller; when the controller ends, the simulator completes its recording and ends.
 
     `crawler run two_anchor_a controller.py --lock-step --record bags` leaves a recording for `crawler replay bags`.
-    Arguments of the controller follow `--`, as in `-- --ros-args -p target:=0.1`.
+    Parameters of the simulator follow `-p`, as in `-p rate:=200.0 -p sensors.noise:=1e-4`; arguments of the controller
+    follow `--`, as in `-- --ros-args -p target:=0.1`.
 
     The controller is any Python program with a ROS 2 node. It starts as soon as the simulator has published a state,
     and its output is not changed; the simulator shows only its warnings and errors. The command exits with the
@@ -77,6 +83,14 @@ def run_controller(
     options: dict[str, str | float | bool] = {"scene": scene, "lock_step": lock_step, "duration": duration or 0.0}
     if record is not None:
         options["record"] = str(record)
+    for text in parameters or ():
+        name, sign, value = text.partition(":=")
+        if not (name and sign and value):
+            raise CrawlerError(f"-p {text}: write NAME:=VALUE, for example -p rate:=200.0")
+        if name in options:
+            raise CrawlerError(f"-p {text}: {name} is chosen by the command; use its argument or its option")
+        plain = yaml.safe_load(value)
+        options[name] = plain if isinstance(plain, (bool, int, float)) else value
     status = None
     with _noted_signals() as received, _own_domain() as environment:
         simulator = _Simulator(options, environment)

@@ -15,7 +15,9 @@ from .outgoing import Outlet
 class MeasuredTopics:
     """Sends what sensors measure of the states at the ends of ticks."""
 
-    def __init__(self, scene: Scene, states: MeasuredStates, outlets: dict[str, Outlet], frame: str) -> None:
+    def __init__(
+        self, scene: Scene, states: MeasuredStates, outlets: dict[str, Outlet], frame: str, each_tick: bool
+    ) -> None:
         """Lay out the messages.
 
         Args:
@@ -23,14 +25,12 @@ class MeasuredTopics:
             states: the sensors.
             outlets: the outgoing topics by name.
             frame: the frame of positions on the ground.
+            each_tick: whether the last measurement is sent again at ticks at which none arrives: in lock-step, where a
+                controller waits for it.
         """
-        self._states = states
-        self._joints, self._pose = (outlets[name] for name in MEASURED)
+        self._states, self._each_tick = states, each_tick
+        self._outlets = [outlets[name] for name in MEASURED]
         self._layouts = lay_out_joint_state(joint_state_names(scene.body)), lay_out_pose(frame)
-
-    def restart(self) -> None:
-        """Return to the start of a run."""
-        self._states.restart()
 
     def send(self, times_ns: np.ndarray, joints: np.ndarray, poses: np.ndarray) -> None:
         """Measure K states, and send what arrives.
@@ -41,6 +41,26 @@ class MeasuredTopics:
             poses: x, y, and z and w of the orientation come first, shape (K, 7).
         """
         for ns, of_joints, pose in zip(times_ns.tolist(), joints, poses[:, :4], strict=True):
-            for stamp, measured, place in self._states.measure(ns, of_joints, pose):
-                self._joints.send(self._layouts[0].encode(stamp, measured.ravel()))
-                self._pose.send(self._layouts[1].encode(stamp, place))
+            arrived = self._states.measure(ns, of_joints, pose)
+            if not arrived and self._each_tick:
+                arrived = [self._states.latest]
+            for stamp, measured, place in arrived:
+                self._last = self._layouts[0].encode(stamp, measured.ravel()), self._layouts[1].encode(stamp, place)
+                self._send_last()
+
+    def _send_last(self) -> None:
+        for outlet, data in zip(self._outlets, self._last, strict=True):
+            outlet.send(data)
+
+    def send_start(self, joints: np.ndarray, poses: np.ndarray) -> None:
+        """Measure the state at the start of a run and send it, see `send`."""
+        self._states.restart()
+        for outlet in self._outlets:
+            outlet.has_newcomers()
+        self.send(np.zeros(1, np.int64), joints, poses)
+
+    def resend(self) -> None:
+        """Publish the measurement of the start again where there are more subscribers than before."""
+        for outlet, data in zip(self._outlets, self._last, strict=True):
+            if outlet.has_newcomers():
+                outlet.publish(data)

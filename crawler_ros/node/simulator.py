@@ -44,6 +44,10 @@ if TYPE_CHECKING:
     from ..viewer.feed import ViewerFeed
 
 
+_SILENCE_NS = 5 * NS
+"""Time without a command, since states are heard, after which the log reports it."""
+
+
 class Simulator(QuietNode):
     """Connects a `Crawler` to topics. `spin` runs it; all access to its state is under one lock."""
 
@@ -114,7 +118,7 @@ class Simulator(QuietNode):
             Actuators(self.scene, self.values),
             self._measured,
         )
-        self._next_diagnostics_ns = self._logged_lag_ns = 0
+        self._next_diagnostics_ns = self._logged_lag_ns = self._silent_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(
             f"{self.scene.name}: {self.scene.body.describe()}, {crawler.method} at {float(rate):g} Hz; waiting "
@@ -151,7 +155,7 @@ class Simulator(QuietNode):
         self._measured = None
         if self._sensors is not None:
             states = MeasuredStates(self.scene, self._sensors)
-            self._measured = MeasuredTopics(self.scene, states, self._outlets, self.values["frame_id"])
+            self._measured = MeasuredTopics(self.scene, states, self._outlets, self.values["frame_id"], self.lock_step)
         warn_of_unused_qos(self)
 
     def _open_services(self) -> None:
@@ -279,6 +283,8 @@ class Simulator(QuietNode):
         with self.lock:
             if self.stepper.tick == 0 and self.commands.is_idle:
                 self.outgoing.resend()
+                if self._measured is not None:
+                    self._measured.resend()
 
     def _on_accepted(self) -> None:
         """In lock-step, run the tick of a message in the thread that received it; leave all else to the loop.
@@ -322,6 +328,7 @@ class Simulator(QuietNode):
             return
         self._next_diagnostics_ns = wall_ns + NS
         self._warn_of_lag(wall_ns)
+        self._warn_of_silence(wall_ns)
         self.throttle.flush()
         outlet = self._outlets["/diagnostics"]
         if outlet.wanted:
@@ -333,6 +340,17 @@ class Simulator(QuietNode):
         if lag_ns > max(2 * self._logged_lag_ns, NS // 10) and not self.lock_step:
             self._logged_lag_ns = lag_ns
             self.throttle.warn("lag", self.stepper.describe_lag(wall_ns))
+
+    def _warn_of_silence(self, wall_ns: int) -> None:
+        """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt."""
+        heard = any(self._outlets[name].is_heard() for name in STATES[:2])
+        self._silent_ns = self._silent_ns or (wall_ns if heard else 0)
+        if not (self.lock_step and self._silent_ns) or self.intake.received or wall_ns - self._silent_ns < _SILENCE_NS:
+            return
+        self._silent_ns = sys.maxsize  # once
+        topics = ", ".join(map(self.resolve_topic_name, self.intake.arrivals))
+        text = f"no command has arrived yet, and in lock-step nothing moves without one; they are expected on {topics}"
+        self.throttle.warn("silence", text)
 
     def close(self) -> None:
         """Report for the last time, close the recording and the viewer, and remove the node from the graph."""

@@ -59,7 +59,7 @@ def find_runs(survey: Survey, robot: Robot) -> dict[str, Runs]:
     begins = _find_begins(ledger, recorded.values())
     begins_at = ledger.log_ns[begins]
     return {LEDGER: Runs(begins, np.arange(begins.size))} | {
-        name: _match(topic, begins_at) for name, topic in recorded.items()
+        name: _match(topic, begins_at, name in MEASURED) for name, topic in recorded.items()
     }
 
 
@@ -72,9 +72,15 @@ def _find_begins(ledger: Stamps, states: Iterable[Stamps]) -> np.ndarray:
     return np.append(0, 1 + np.flatnonzero(begins))
 
 
-def _match(states: Stamps, begins_at: np.ndarray) -> Runs:
-    """Find the runs of states, and to which runs of the ledger, begun at `begins_at` [ns, wall], they belong."""
-    first = np.unique(np.append(0, np.flatnonzero(states.stamp_ns == 0)))
+def _match(states: Stamps, begins_at: np.ndarray, repeated: bool) -> Runs:
+    """Find the runs of states, and to which runs of the ledger, begun at `begins_at` [ns, wall], they belong.
+
+    Measurements may be `repeated`: then several of the start follow each other.
+    """
+    begins = states.stamp_ns == 0
+    if repeated:
+        begins[1:] &= states.stamp_ns[:-1] > 0
+    first = np.unique(np.append(0, np.flatnonzero(begins)))
     last = np.append(first[1:], states.stamp_ns.size) - 1
     # the last state of a run precedes the next run's first tick; a run of one state precedes its own
     ticked = states.stamp_ns[last] > 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from crawler_model import CrawlerError
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_each, name_joints
 from crawler_model.body.plan import Plan
-from crawler_model.scene.sensors import Sensors, SensorsPart
+from crawler_model.scene.sensors import Measurement, Sensors, SensorsPart
 
 from .messages import list_pose
 from .states import joint_state_names
@@ -28,7 +28,7 @@ def find_sensors(scene: SensorsPart | None, parameters: Mapping[str, Any]) -> Se
 
     Args:
         scene: the sensors of its scene; None if it has none.
-        parameters: its parameters by name; a number below 0 leaves what the scene has.
+        parameters: its parameters by name; -1 leaves what the scene has.
 
     Returns:
         The sensors; None if neither names any.
@@ -37,7 +37,7 @@ def find_sensors(scene: SensorsPart | None, parameters: Mapping[str, Any]) -> Se
         CrawlerError: if a number is out of its bounds.
     """
     given = {name.removeprefix(_PREFIX): value for name, value in parameters.items() if name.startswith(_PREFIX)}
-    given = {name: value for name, value in given.items() if isinstance(value, (int, float)) and value >= 0}
+    given = {name: value for name, value in given.items() if value != -1}
     if scene is None and not given:
         return None
     try:
@@ -65,7 +65,7 @@ class MeasuredStates:
         """Return to the start of a run."""
         self._sensors.restart()
 
-    def measure(self, ns: int, joints: np.ndarray, pose: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def measure(self, ns: int, joints: np.ndarray, pose: np.ndarray) -> list[tuple[int, np.ndarray, np.ndarray]]:
         """Measure the state at the end of a tick.
 
         Args:
@@ -73,17 +73,27 @@ class MeasuredStates:
             joints: positions, velocities and efforts of joint_states, shape (3, J).
             pose: its numbers as of `list_pose`, shape (4,).
 
-        Yields:
+        Returns:
             Of each measurement that arrives then: its time [ns], joint_states as measured, shape (3, J), and the
             numbers of the pose, shape (4,).
         """
         x, y, z, w = pose.tolist()
         readings = np.concatenate((joints[0], joints[2], (x, y, 2.0 * math.atan2(z, w))))
-        count = joints.shape[1]
-        for time, values, rates in self._sensors.measure(ns, readings):
-            x, y, yaw = values[-3:].tolist()
-            place = list_pose(x, y if self._planar else 0.0, yaw if self._turns else 0.0)
-            yield time, np.stack((values[:count], rates[:count], values[count:-3])), np.array(place)
+        return list(map(self._divide, self._sensors.measure(ns, readings)))
+
+    @property
+    def latest(self) -> tuple[int, np.ndarray, np.ndarray]:
+        """The last measurement that has arrived, or the one of the start, as of `measure`."""
+        assert self._sensors.latest is not None
+        return self._divide(self._sensors.latest)
+
+    def _divide(self, found: Measurement) -> tuple[int, np.ndarray, np.ndarray]:
+        """Divide a measurement into joint_states and a pose."""
+        time, values, rates = found
+        count = len(self._names)
+        x, y, yaw = values[-3:].tolist()
+        place = list_pose(x, y if self._planar else 0.0, yaw if self._turns else 0.0)
+        return time, np.stack((values[:count], rates[:count], values[count:-3])), np.array(place)
 
 
 def _units_of_positions(body: Body) -> list[str]:

@@ -40,7 +40,7 @@ def named_columns(
     found = []
     for name in names:
         if name not in columns.aliases:
-            raise CommandError(f"{what}: no joint is called {name!r}; {_known(columns, name)}")
+            raise CommandError(f"{what}: no joint is called {name!r}; {_known(columns, name, only_lengths)}")
         found.append(columns.aliases[name])
         if only_lengths and found[-1][0] >= columns.lengths:
             kind = "friction" if columns.kind(int(found[-1][0])) == "friction" else "load"
@@ -54,9 +54,9 @@ def named_columns(
     return found
 
 
-def _known(columns: Columns, name: str) -> str:
-    """List the known names, the nearest first."""
-    names = list(columns.aliases)
+def _known(columns: Columns, name: str, only_lengths: bool) -> str:
+    """List the names that may be used, the nearest first."""
+    names = [known for known, at in columns.aliases.items() if not only_lengths or at[0] < columns.lengths]
     near = difflib.get_close_matches(name, names, n=4, cutoff=0.3) or names[:4]
     return f"there are {', '.join(near)}{f' and {len(names) - len(near)} more' if len(names) > len(near) else ''}"
 

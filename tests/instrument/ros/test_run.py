@@ -131,9 +131,12 @@ def test_a_simulator_that_dies_ends_the_controller(tmp_path, ros: Graph):
         ([SCENE, "nowhere.py"], "nowhere.py: no such file; name the Python file of a controller"),
         ([SCENE, str(SPEED), "--duration", "-1"], "--duration: -1 s; it must be > 0"),
         ([SCENE, str(SPEED), "--record", "/proc/x"], "the simulator has not started: record: /proc/x: the folder"),
+        ([SCENE, str(SPEED), "-p", "rate=50"], "-p rate=50: write NAME:=VALUE, for example -p rate:=200.0"),
+        ([SCENE, str(SPEED), "-p", "scene:=x"], "-p scene:=x: scene is chosen by the command"),
+        ([SCENE, str(SPEED), "-p", "rate:=-1.0"], "the simulator has not started: "),
         ([SCENE, "silent.py"], "silent.py ended before the simulator received a command; let it wait until"),
     ],
-    ids=["scene", "controller", "duration", "record", "silent"],
+    ids=["scene", "controller", "duration", "record", "form", "chosen", "parameter", "silent"],
 )
 def test_what_cannot_run_is_one_line(tmp_path, ros: Graph, words, text):
     if "silent.py" in words:

@@ -66,7 +66,8 @@ def test_measured_states_are_recorded_and_replay_creates_them_again(ros, tmp_pat
     assert 0.0 < np.abs(apart).max() < 0.01
     (folder,) = bags.iterdir()
     found = analyse(folder)
-    assert found.topics["/measured/joint_states"].count == len(measured) == pytest.approx(2 * 0.9 * 45, abs=12)
+    assert found.topics["/measured/joint_states"].count == len(measured) == 2 * 151
+    assert len({seconds(m) for m in measured}) == pytest.approx(0.9 * 45, abs=15)  # in both runs together
     assert found.comparison.identical
     other = scene_with(tmp_path, **SENSORS | {"noise": 2e-4})
     compared = analyse(folder, scene=load_scene(other)).comparison
@@ -74,10 +75,24 @@ def test_measured_states_are_recorded_and_replay_creates_them_again(ros, tmp_pat
     assert compared.first_where.startswith("measured/")
 
 
-def test_parameters_alone_turn_sensors_on(ros):
-    ros.simulator(f"scene:={SCENE}", "lock_step:=true", "sensors.noise:=0.001", hear=("joint_states", "measured/pose"))
-    walk(ros, 20)
-    wait_until(lambda: len(ros.heard["measured/pose"]) >= 20, what="a measurement of each tick")
+def test_in_lock_step_each_tick_is_answered_by_the_last_measurement(ros):
+    """So that a controller can wait for it; parameters alone turn the sensors on."""
+    hear = ("measured/joint_states", "measured/pose")
+    ros.simulator(f"scene:={SCENE}", "lock_step:=true", "sensors.delay:=0.025", "sensors.rate:=20.0", hear=hear)
+    measured = ros.heard["measured/joint_states"]
+    wait_until(lambda: measured, what="the start, also for who comes late")
+    for k in range(20):
+        before = len(measured)
+        ros.publish(LENGTHS, Float64MultiArray(data=[0.01 * k, 0.0]))
+        wait_until(lambda: len(measured) > before, what="an answer")  # noqa: B023
+    ticks = measured[-20:]
+    assert [round(100.0 * seconds(m)) for m in ticks] == [0] * 7 + [5] * 5 + [10] * 5 + [15] * 3
+
+
+def test_a_negative_parameter_is_refused(ros):
+    process = ros.start("crawler_ros.node.simulator", f"scene:={SCENE}", "sensors.delay:=-0.5")
+    assert process.wait() == 1
+    assert "parameter sensors.delay: -0.5; it must be at least 0" in process.said
 
 
 def test_without_sensors_there_are_no_measured_topics(ros):
