@@ -19,6 +19,7 @@ from .ground.borders import catch, leave_border, reach_border, rest_on_border
 from .ground.bounds import follow_ground
 from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets_chord
 from .ground.couplings import couplings_of, follow_couplings, is_coupled
+from .ground.driving import drive
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
 from .ground.tipping import tip
 from .ground.turns import turns
@@ -156,7 +157,8 @@ def _solve_around(contacts, springs, model, ramp, i):
         count = find_block(contacts, springs, model, model.matrix, ramp, i)
         if not ramp.stepping and find_due(contacts, model.block, model.ground, ramp, count):
             return False
-        if find_sides(contacts, springs, model, ramp, count):
+        solved = find_sides(contacts, springs, model, ramp, count)
+        if solved or drive(contacts, springs, model, model.ground, ramp, count):
             if turns(contacts, springs, model, model.ground, ramp, count):
                 return False
             if not passes_guard(contacts, model.block, ramp, count):

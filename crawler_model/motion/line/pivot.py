@@ -108,6 +108,19 @@ def _side_of(e):
     return -1 if e.force < e.lower - close else 0
 
 
+@lean
+def meets_conditions(block, count):
+    """Determine whether all contacts of a block have the sides that they must have.
+
+    Returns:
+        Whether they have.
+    """
+    met = True
+    for j in range(count):
+        met &= _side_of(block[j]) == block[j].side
+    return met
+
+
 @inlined
 def _exchange(block, count, last_only):
     """Count the contacts that violate their condition, and change the sides of all of them, or of the last one."""

@@ -159,6 +159,29 @@ def test_neither_the_view_nor_the_place_nor_the_parts_of_ramps_matter(kind, seed
             assert found == pytest.approx(here, abs=1e-11 * driven.extent)
 
 
+def test_segments_jump_where_too_many_sides_would_have_to_be_tried():
+    jumps = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        part = {"name": "trunk", "from": 0.0, "to": 1.0, "elements": int(rng.choice([12, 20, 40]))}
+        part |= {"stiffness": float(rng.uniform(0.5, 3.0))}
+        part["friction"] = {"forward": float(rng.uniform(0.2, 1.0)), "backward": float(rng.uniform(0.3, 3.0))}
+        at, factors = np.sort(rng.uniform(-0.2, 1.4, 6)), rng.uniform(0.1, 2.0, 6)
+        data = {
+            "name": "trunk",
+            "body": {"segments": [part]},
+            "ground": {"profile": {"at": at.tolist(), "friction": factors.tolist()}},
+            "drive": {"times": [0, 1, 2, 3, 4], "actuation": [[0.0], *rng.uniform(-0.6, 0.6, (4, 1)).tolist()]},
+        }
+        whole, parts = (simulate(Scene.model_validate(data), rate=rate) for rate in (1.0, 20.0))
+        for run in (whole, parts):
+            assert run.unsolved == run.overspent == 0, seed
+            assert abs(run.energy.residual) < 1e-13
+        assert parts.waypoint_displacement == pytest.approx(whole.waypoint_displacement, abs=1e-12), seed
+        jumps += len(whole.jumps)
+    assert jumps > 0
+
+
 @BODIES
 def test_ground_with_a_factor_of_one_everywhere_is_plain_ground(between):
     rows = [0.0, 0.9, -0.4, 0.7]

@@ -167,6 +167,16 @@ def keep_limits(couplings, block, count):
 
 
 @lean
+def restore_limits(couplings, block, count):
+    """Restore the limits of a block before the velocities in it added to them."""
+    if couplings is None:
+        return
+    for r in range(count):
+        foot = couplings.feet[block[r].contact]
+        block[r].upper, block[r].lower = foot.upper, foot.lower
+
+
+@lean
 def add_growth(contacts, couplings, block, count):
     """Add to the limits of a block what springs add to the rates of bounds at the velocities that were found."""
     if couplings is None:

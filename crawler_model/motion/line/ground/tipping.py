@@ -9,12 +9,10 @@ from ..pivot import find_sides
 from ..records import BACKWARD, FORWARD
 from .bounds import set_bounds
 from .chords import is_long
+from .driving import STIFF
 from .falls import let_tip
 from .gradual import NEUTRAL
 from .walls import is_given
-
-_STIFF = 1e6
-"""Stiffness, in terms of those of its springs, of what moves a contact to see whether its force exceeds its bound."""
 
 
 @lean
@@ -92,7 +90,7 @@ def _push(contacts, springs, model, count, row, side):
         return 0.0
     for k in range(c.first, c.last):
         stiffness += springs[model.ends[k].spring].stiffness
-    e.ahead = e.behind = _STIFF * stiffness
+    e.ahead = e.behind = STIFF * stiffness
     e.upper, e.lower = (-e.ahead, -np.inf) if side == FORWARD else (np.inf, e.ahead)
     e.side = 1 if side == FORWARD else -1
     return 1.0 / stiffness

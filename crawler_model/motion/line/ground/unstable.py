@@ -116,6 +116,22 @@ def _next_side(e):
 
 
 @lean
+def tries_all(ground, block, count):
+    """Determine whether a block has so few sides that all are tried.
+
+    Returns:
+        Whether it has.
+    """
+    if ground is None:
+        return True
+    trials = float(choose_pieces(ground.couplings, 0))
+    for j in range(count):
+        e = block[j]
+        trials *= 1.0 + (e.upper < np.inf) + (e.lower > -np.inf)
+    return trials <= _MOST_TRIALS
+
+
+@lean
 def search_sides(contacts, springs, model, ground, ramp, count):
     """Try all sides of a block that is not stable; the solution in which the first contacts rest is taken.
 
@@ -126,11 +142,7 @@ def search_sides(contacts, springs, model, ground, ramp, count):
         return -1
     block, found, choice, chosen = model.block, 0, 0, 0
     choices = choose_pieces(ground.couplings, 0)
-    trials = float(choices)
-    for j in range(count):
-        e = block[j]
-        trials *= 1.0 + (e.upper < np.inf) + (e.lower > -np.inf)
-    if trials > _MOST_TRIALS:
+    if not tries_all(ground, block, count):
         ramp.account.ambiguous = 1.0
         return -1
     for j in range(count):
