@@ -11,7 +11,7 @@ along a chord, and exact at its end. A chord that is longer than the way to the 
 until both agree to rounding, which is the secant method.
 
 A chord is shortened likewise to where a contact turns round (`turns`). Work and dissipation are those along chords,
-which `LONGEST` bounds: the relative error of work is about a millionth.
+which `LONGEST` bounds: their relative error is 7e-6 where friction doubles in one ramp, and less in shorter ones.
 """
 
 from __future__ import annotations
