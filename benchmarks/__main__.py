@@ -37,6 +37,7 @@ class What(str, Enum):
     inertia = "inertia"
     many = "many"
     node = "node"
+    plan = "plan"
     replay = "replay"
 
 
@@ -47,7 +48,7 @@ def bench(
             help="methods: speed against error; calls: what a call costs; growth: of the time of a ramp with the body; "
             "identify: coverage; "
             "inertia: how far masses change the gain; many: variations and environments; "
-            "node: throughput, latency, cost of features; replay: of recordings."
+            "node: throughput, latency, cost of features; plan: controllers of disturbed robots; replay: of recordings."
         ),
     ] = What.methods,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer ticks, rounds and sizes: under a minute.")] = False,
@@ -123,9 +124,12 @@ def _bench_processes(name: str, quick: bool, as_json: bool, out: Path) -> None:
         if not complete:
             raise KeyboardInterrupt
         return
+    from . import plan
+
     console = Console(stderr=True)
+    measure, few = (plan.measure_plan, plan.QUICK) if name == "plan" else (replay.measure_replay, replay.QUICK)
     with console.status("starting") if console.is_terminal else nullcontext() as status:
-        rows = replay.measure_replay(**(replay.QUICK if quick else {}), progress=status.update if status else None)
+        rows = measure(**(few if quick else {}), progress=status.update if status else None)
     _write_rows(name, rows, quick, as_json, out)
 
 

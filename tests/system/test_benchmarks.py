@@ -18,6 +18,7 @@ PARTS = {
     "inertia": {"case", "n", "number", "damping", "gain", "deviation", "ratio", "mujoco"},
     "many": {"case", "scene", "n", "variations", "workers", "runs_per_s", "us_per_run", "in_kernels"},
     "node": {"case", "n", "recording", "subscriber", "driven", "every", "ticks_per_s", "us_per_tick", "real_time"},
+    "plan": {"case", "controller", "disturbance", "error_mm", "without_mean_mm", "way_m_per_m"},
     "replay": {"case", "messages", "simulated_s", "what", "seconds", "messages_per_s", "memory_mb"},
 }
 """Keys of the first row of each part."""
