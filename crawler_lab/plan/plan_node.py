@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,28 +77,16 @@ class PlanNode(QuietNode):
         self._message = TrajectoryMessage([scene.columns.names[j] for j in self._moved])
         self._names = joint_state_names(scene.body)
         self._last_ns, self._end = -1, -1
-        self._greeted, self._pending = False, b""
+        self._pending: list[bytes] = []
         self.problem, self.done = "", StopFlag()
         topics = read_topics()
         topic = topics["joint_trajectory"]
         self._publisher = self.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
         self._second = SecondSimulator(self, topics["joint_states"].name)
-        if measured:  # the first of both: a simulator whose state has arrived knows it, too
-            self._listen(topics["measured/joint_states"], self._receive)
-        self._listen(topics["joint_states"], self._greet if measured else self._receive)
+        source = topics["measured/joint_states" if measured else "joint_states"]
+        self.create_subscription(message_class(source.type), source.name, self._receive, qos_profile(source), raw=True)
         self.create_timer(0.05, self._send)
-        self.get_logger().info(f"{scene.name}: waiting for {'measured/' * bool(measured)}joint_states")
-
-    def _listen(self, topic: Any, receive: Callable[[bytes], None]) -> None:
-        self.create_subscription(message_class(topic.type), topic.name, receive, qos_profile(topic), raw=True)
-
-    def _greet(self, data: bytes) -> None:
-        """Let a simulator in lock-step go on, once, until the first measurement arrives."""
-        if second := self._second.find(read_stamp(data)):
-            self.fail(second)
-        if self._lock_step and self._delay and not self._greeted:
-            self._greeted = True
-            self._send(self._message.encode(0, [self._delay], [self.tracker.robot.base[self._moved]]))
+        self.get_logger().info(f"{scene.name}: waiting for {source.name}")
 
     def _receive(self, data: bytes) -> None:
         stamp = read_stamp(data)
@@ -114,6 +101,8 @@ class PlanNode(QuietNode):
         self._last_ns, now = stamp, stamp + self._delay
         if self._end < 0:
             self._end = now + self._lead
+            if self._lock_step and self._delay:  # so that the first state is as late as all others
+                self._send(self._message.encode(0, [self._delay], [self.tracker.robot.base[self._moved]]))
         if now < self._end - self._lead - _SLACK_NS:
             return
         try:
@@ -154,12 +143,13 @@ class PlanNode(QuietNode):
         """
         self.get_logger().info(f"{text}: {self.tracker.describe()}")
 
-    def _send(self, data: bytes = b"") -> None:
-        """Send a command, or the one that waits, once there is somebody to receive it."""
-        self._pending = data or self._pending
-        if self._pending and self._publisher.get_subscription_count():
-            self._publisher.publish(self._pending)
-            self._pending = b""
+    def _send(self, *commands: bytes) -> None:
+        """Send commands, and those that wait, once there is somebody to receive them."""
+        self._pending += commands
+        if self._publisher.get_subscription_count():
+            for data in self._pending:
+                self._publisher.publish(data)
+            self._pending = []
 
     def fail(self, problem: str) -> None:
         """End the node with an error.
