@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .simulator import Simulator
+from typing import Any
 
 _PACKAGE = "simulation_interfaces"
 
 
-def open_simulation_services(simulator: Simulator) -> None:
+def open_simulation_services(simulator: Any) -> None:
     """Serve what a simulator of one crawler can do, if the package is there.
 
     Args:
@@ -24,7 +21,7 @@ def open_simulation_services(simulator: Simulator) -> None:
 class SimulationServices:
     """Answers the services by what the node does for its own."""
 
-    def __init__(self, simulator: Simulator) -> None:
+    def __init__(self, simulator: Any) -> None:
         """Open the services.
 
         Args:
