@@ -209,7 +209,9 @@ def test_check_asks_about_a_slope_in_radians(tmp_path):
         (tmp_path / "slope.yaml").write_text(json.dumps(document))
         text = good("check", "slope.yaml", cwd=tmp_path)
         assert (f"radians for degrees? ground.slope is {slope:g} degrees; {slope:g} rad would be" in text) == asked
-    document["ground"]["slope"] = 0.0
+    document = load_scene("two_anchor_a").document()
+    document["body"]["weights"] = 1.0
+    document["start"] = "relaxed"
     for key, ground in (
         ("patches[0].slope", {"patches": [{"from": 0.0, "to": 1.0, "slope": 0.1}]}),
         ("profile.slope", {"profile": {"at": [0.0, 1.0], "slope": [0.0, 0.1]}}),

@@ -399,6 +399,13 @@ BOUNDED = {
         {**PLANE, "friction": {"isotropic": 1}, "ground": {"regions": [{"left_of": [[0, 0], [0, 1]], "friction": 1}]}},
         "ground/regions/0/friction",
     ),
+    **{
+        ("SensorsPart", name): ({**LINE, "sensors": {}}, f"sensors/{name}")
+        for name in (
+            *("noise", "angle_noise", "force_noise", "drift", "drift_time"),
+            *("pixel", "delay", "rate", "dropped", "seed"),
+        )
+    },
     ("PatchPart", "slope"): (PATCHED, "ground/patches/0/slope"),
     ("ProfilePart", "friction"): (
         {**PATCHED, "ground": {"profile": {"at": [0], "friction": [1]}}},
@@ -456,7 +463,7 @@ def bounds() -> dict[tuple[str, str], dict[str, float]]:
 def test_the_ranges_in_the_schema_are_those_of_the_program(key):
     document, path = BOUNDED[key]
     limits = bounds()[key]
-    whole = key[1] in ("elements", "samples", "shown")
+    whole = key[1] in ("elements", "samples", "shown", "seed")
     for kind, limit in limits.items():
         beyond = limit + RANGE[kind]
         with pytest.raises(SceneError) as error:
@@ -643,7 +650,7 @@ WRONG_BODIES = [
     ),
     (
         plane(loads=[[0, 1.5], [0, -1.25]]),
-        "contact 0 is pulled by [0, 1.5] N, 0.5 N more than its friction; a load is too large for its contact alone",
+        "contact 0 is pulled by [0, 1.5] N, 0.5 N more than its friction; a load exceeds the friction of its own contact",
     ),
     (plane(friction={"directions": [0, 1, 2, 3], "value": 1}), "friction.directions"),
     (plane(friction={"directions": [0, 1.57, 3.14, 4.71], "value": [1, 1, 1]}), "3 value(s) for 4 direction(s)"),
