@@ -58,15 +58,10 @@ EVERY = [*FOLLOWED, *STEPPED]
 def law(*variants: tuple[str, str], **strategies):
     """Run a test for every kind of body and method, with several random bodies each."""
 
-    slow = [pytest.mark.slow]  # their kernels take minutes to compile
-    marked = [
-        pytest.param(*variant, marks=slow if variant[0] in BENT_WHERE_BOUNDS_CHANGE else []) for variant in variants
-    ]
-
     def decorate(test):
         examples = max(settings.default.max_examples // 5, 1)
 
-        @pytest.mark.parametrize(("kind", "method"), marked)
+        @pytest.mark.parametrize(("kind", "method"), variants)
         @settings(max_examples=examples)
         @given(data=st.data())
         def run(kind, method, data):
