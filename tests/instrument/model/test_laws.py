@@ -161,7 +161,8 @@ def compare_rates(body: Drawn, method: str, rate: float) -> None:
     if ("bent" in body.kind or "gradual" in body.kind) and not one.unique:
         return
     assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
-    if not Crawler(body.driven().scene, method).visited_margin_sampled:
+    # on patches the margin just before a border is only seen where a tick ends there
+    if not ("patches" in body.kind or Crawler(body.driven().scene, method).visited_margin_sampled):
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 
