@@ -357,7 +357,7 @@ def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
         ramp.s = begin
         _sample(contacts, springs, model, curves, ramp)
         ramp.s = s
-    if s < ramp.end:
+    if s < ramp.end or ground is not None:  # at the end, bounds may already be those behind a border
         _sample(contacts, springs, model, curves, ramp)
 
 

@@ -161,8 +161,7 @@ def compare_rates(body: Drawn, method: str, rate: float) -> None:
     if ("bent" in body.kind or "gradual" in body.kind) and not one.unique:
         return
     assert other.waypoint_displacement == pytest.approx(one.waypoint_displacement, abs=bound)
-    # on patches the margin just before a border is only seen where a tick ends there
-    if not ("patches" in body.kind or Crawler(body.driven().scene, method).visited_margin_sampled):
+    if not Crawler(body.driven().scene, method).visited_margin_sampled:
         assert other.visited_margin == pytest.approx(one.visited_margin, abs=1e-11)
 
 
@@ -175,6 +174,12 @@ def test_which_contacts_can_begin_a_jump_does_not_depend_on_the_rates_of_command
 @law(*FOLLOWED, rate=st.floats(0.1, 20.0))
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     compare_rates(body, method, rate)
+
+
+@pytest.mark.parametrize("rate", [12.0, 12.562])
+def test_the_margin_just_before_a_border_at_the_end_of_a_ramp_is_seen_at_all_rates(rate):
+    """A contact comes to a border, behind which its friction differs, exactly at a waypoint."""
+    compare_rates(Drawn("chain on patches", 1, commanded=False, ties=True, bare=True), "exact", rate)
 
 
 @pytest.mark.parametrize("body", TIED, ids=lambda body: str(body.seed))
