@@ -8,27 +8,23 @@ the rate of the environment, the path equals the environment's to the bit.
 from __future__ import annotations
 
 import sys
-import time
 from typing import Any
 
 import numpy as np
 import yaml
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
-from rclpy.experimental.events_executor import EventsExecutor
+from rcl_interfaces.msg import IntegerRange
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from crawler_model import CommandError, CrawlerError
 from crawler_model.run.ticks import tick_end_ns
-from crawler_ros.node.intake.peers import SecondSimulator
-from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import run_node
-from crawler_ros.node.life.stop import StopFlag, end_on_signals
 from crawler_ros.node.parameters import expand_home
-from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage, read_stamp
+from crawler_ros.wire.messages import read_stamp
 from crawler_ros.wire.states import contact_names, joint_state_names
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
+from ..answering_node import AnsweringNode, described
 from .env import describe_bad, read_action
 from .kernel.layout import ALONG, TERMINATED
 from .lanes import Lanes
@@ -37,11 +33,10 @@ from .randomise import Ranges
 from .spec import build_spec, list_settings
 
 DEFAULT_SCENE = "three_contacts_one_way"
-_REPORT_EVERY_S = 5.0
 _STATES = ("joint_states", "contact_states")
 
 
-class PolicyNode(QuietNode):
+class PolicyNode(AnsweringNode):
     """Answers each state of a crawler with the command that a policy chooses."""
 
     def __init__(self, **options: Any) -> None:
@@ -54,13 +49,13 @@ class PolicyNode(QuietNode):
             CrawlerError: when the policy, the scene or a setting is invalid.
         """
         super().__init__("policy", **options)
-        name = self.declare_parameter("policy", "", _described("module:function, or the path of an .onnx file."))
-        scene = self.declare_parameter("scene", DEFAULT_SCENE, _described("Scene file or gallery name."))
-        task = self.declare_parameter("task", "translation", _described("Task of the environment."))
+        name = self.declare_parameter("policy", "", described("module:function, or the path of an .onnx file."))
+        scene = self.declare_parameter("scene", DEFAULT_SCENE, described("Scene file or gallery name."))
+        task = self.declare_parameter("task", "translation", described("Task of the environment."))
         settings = self.declare_parameter(
-            "settings", "{}", _described("Other settings of the environment, a YAML mapping in a text.")
+            "settings", "{}", described("Other settings of the environment, a YAML mapping in a text.")
         )
-        bounds = _described("Number of steps to control; 0 for no end.")
+        bounds = described("Number of steps to control; 0 for no end.")
         bounds.integer_range = [IntegerRange(from_value=0, to_value=10**9)]
         self.steps = int(self.declare_parameter("steps", 0, bounds).value)
         self.policy = load_policy(expand_home(name.value))
@@ -71,21 +66,12 @@ class PolicyNode(QuietNode):
         self.lanes.reset(np.zeros(1, np.int64), [{}])
         columns, body = self.environment.scene.columns, self.environment.scene.body
         self._free = self.environment.actions.free
-        self._message = TrajectoryMessage([columns.names[c] for c in self._free])
         self._names = dict(zip(_STATES, (joint_state_names(body), contact_names(body)), strict=True))
-        topics = read_topics()
-        topic = topics["joint_trajectory"]
-        self._publisher = self.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
+        self.open_commands([columns.names[c] for c in self._free])
         for state in _STATES:
             self._listen(state)
         self._arrived: dict[str, bytes] = {}
-        self._pending: bytes | None = None
-        self._second = SecondSimulator(self, topics["joint_states"].name)
-        self._last_ns = -1
         self._done_steps = 0
-        self.problem = ""
-        self.done = StopFlag()
-        self.create_timer(0.05, self._send)
         self.get_logger().info(f"{self.environment.scene.name}: waiting for joint_states and contact_states")
 
     def _listen(self, name: str) -> None:
@@ -120,8 +106,8 @@ class PolicyNode(QuietNode):
             self.lanes.observe_readings(first, *readings)
             if self._is_over():
                 return
-            self._pending = self._choose()
-            self._send()
+            self._pending = []  # an answer to an earlier state is out of date
+            self.send(self._choose())
         except CrawlerError as error:
             self.fail(str(error))
 
@@ -159,32 +145,6 @@ class PolicyNode(QuietNode):
         self.lanes.actions[0] = action
         return self._message.encode(0, [0], [self.lanes.choose_row()[self._free]])
 
-    def _send(self) -> None:
-        """Send the command that waits, once there is somebody to receive it."""
-        if self._pending is not None and self._publisher.get_subscription_count():
-            data, self._pending = self._pending, None
-            self._publisher.publish(data)
-
-    def fail(self, problem: str) -> None:
-        """End the node with an error.
-
-        Args:
-            problem: one line.
-        """
-        self.problem = self.problem or problem
-        self.done.set()
-
-    def wait(self) -> None:
-        """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
-        if self._publisher.get_subscription_count():
-            self._publisher.publish(NO_CHANGE)
-        self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
-
-    @property
-    def waits(self) -> bool:
-        """Whether no state has arrived yet."""
-        return self._last_ns < 0
-
 
 def read_settings(text: str) -> dict[str, Any]:
     """Read the settings of an environment.
@@ -213,10 +173,6 @@ def read_settings(text: str) -> dict[str, Any]:
     return given
 
 
-def _described(text: str) -> Any:
-    return ParameterDescriptor(description=text, read_only=True)
-
-
 def main(args: list[str] | None = None) -> int:
     """Control a crawler until the steps are done, the task is, or a signal arrives.
 
@@ -226,23 +182,7 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit status: 0, or 1 when the policy or a setting was invalid, or the policy failed.
     """
-    return run_node("policy", PolicyNode, _spin, args, "policy scene task settings steps")
-
-
-def _spin(node: PolicyNode) -> None:
-    end_on_signals(node.done)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    reported = time.monotonic()
-    while not node.done.is_set():
-        executor.spin_once(timeout_sec=0.1)
-        node.throttle.flush()
-        if node.waits and time.monotonic() - reported > _REPORT_EVERY_S:
-            reported = time.monotonic()
-            node.wait()
-    node.leave()
-    if node.problem:
-        raise CrawlerError(node.problem)
+    return run_node("policy", PolicyNode, PolicyNode.answer_states, args, "policy scene task settings steps")
 
 
 if __name__ == "__main__":

@@ -13,35 +13,31 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
 from crawler_model.scene.file import load_scene
-from crawler_ros.node.intake.peers import SecondSimulator
-from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.run import run_node
-from crawler_ros.node.life.stop import StopFlag, end_on_signals
 from crawler_ros.node.parameters import expand_home
-from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage, read_stamp
+from crawler_ros.wire.messages import read_stamp
 from crawler_ros.wire.states import joint_state_names
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
+from ..answering_node import AnsweringNode, described
 from ..optimise.request import find_strokes
 from .horizon import Limits
 from .robot import build_robot
 from .tracker import Tracker, read_path
 
-_REPORT_EVERY_S = 5.0
 _SLACK_NS = 10
 """Times of ticks are whole nanoseconds."""
 _PART = 0.6
 """Part of the lead that a plan may take on the clock."""
 
 
-class PlanNode(QuietNode):
+class PlanNode(AnsweringNode):
     """Answers the state at the end of each step with the next commands."""
 
     def __init__(self, **options: Any) -> None:
@@ -57,7 +53,7 @@ class PlanNode(QuietNode):
         text = ParameterDescriptor(description="Scene file or gallery name.", read_only=True)
         scene = load_scene(expand_home(self.declare_parameter("scene", "three_contacts_one_way", text).value))
         speed = self.declare_parameter("speed", 0.01, _within(-1e3, 1e3)).value
-        path = self.declare_parameter("path", [0.0, 0.0], _described("Times, s, and places, m, in turn.")).value
+        path = self.declare_parameter("path", [0.0, 0.0], described("Times, s, and places, m, in turn.")).value
         rate = self.declare_parameter("rate", 20.0, _within(1e-3, 1e3)).value
         count = ParameterDescriptor(integer_range=[IntegerRange(from_value=2, to_value=100)], read_only=True)
         horizon = int(self.declare_parameter("horizon", 16, count).value)
@@ -65,27 +61,20 @@ class PlanNode(QuietNode):
         fastest = self.declare_parameter("fastest", 0.0, _within(0.0, 1e6)).value
         effort = self.declare_parameter("effort", 0.01, _within(1e-6, 1e3)).value
         noise = self.declare_parameter("noise", 1e-4, _within(1e-9, 1e3)).value
-        measured = self.declare_parameter("measured", False, _described("Read measured/joint_states.")).value
+        measured = self.declare_parameter("measured", False, described("Read measured/joint_states.")).value
         self._delay = round(self.declare_parameter("delay", 0.0, _within(0.0, 10.0)).value * NS)
-        self._lock_step = self.declare_parameter("lock_step", False, _described("Send one step at a time.")).value
+        self._lock_step = self.declare_parameter("lock_step", False, described("Send one step at a time.")).value
         self._duration = round(self.declare_parameter("duration", 0.0, _within(0.0, 1e9)).value * NS)
         robot, limits = build_robot(scene), build_limits(scene, stroke, fastest / rate, effort)
         self.tracker = Tracker(robot, limits, read_path(speed, path), round(NS / rate), horizon, noise)
         self.tracker.warm_up(scene.start_displacement)
         self._lead = 0 if self._lock_step else self.tracker.step_ns
         self._moved = np.flatnonzero(limits.high > limits.low)
-        self._message = TrajectoryMessage([scene.columns.names[j] for j in self._moved])
+        self.open_commands([scene.columns.names[j] for j in self._moved])
         self._names = joint_state_names(scene.body)
-        self._last_ns, self._end = -1, -1
-        self._pending: list[bytes] = []
-        self.problem, self.done = "", StopFlag()
-        topics = read_topics()
-        topic = topics["joint_trajectory"]
-        self._publisher = self.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
-        self._second = SecondSimulator(self, topics["joint_states"].name)
-        source = topics["measured/joint_states" if measured else "joint_states"]
+        self._end = -1
+        source = read_topics()["measured/joint_states" if measured else "joint_states"]
         self.create_subscription(message_class(source.type), source.name, self._receive, qos_profile(source), raw=True)
-        self.create_timer(0.05, self._send)
         self.get_logger().info(f"{scene.name}: waiting for {source.name}")
 
     def _receive(self, data: bytes) -> None:
@@ -102,7 +91,7 @@ class PlanNode(QuietNode):
         if self._end < 0:
             self._end = now + self._lead
             if self._lock_step and self._delay:  # so that the first state is as late as all others
-                self._send(self._message.encode(0, [self._delay], [self.tracker.robot.base[self._moved]]))
+                self.send(self._message.encode(0, [self._delay], [self.tracker.robot.base[self._moved]]))
         if now < self._end - self._lead - _SLACK_NS:
             return
         try:
@@ -133,7 +122,7 @@ class PlanNode(QuietNode):
             rows = self.tracker.plan(begin, lambda: time.monotonic() > until)
         self._end = begin + step
         ends = range(step, sent * step + 1, step)
-        self._send(self._message.encode(stamp, ends, list(rows[:sent, self._moved])))
+        self.send(self._message.encode(stamp, ends, list(rows[:sent, self._moved])))
 
     def report(self, text: str) -> None:
         """Log how well the path was followed, and what was estimated.
@@ -143,33 +132,9 @@ class PlanNode(QuietNode):
         """
         self.get_logger().info(f"{text}: {self.tracker.describe()}")
 
-    def _send(self, *commands: bytes) -> None:
-        """Send commands, and those that wait, once there is somebody to receive them."""
-        self._pending += commands
-        if self._publisher.get_subscription_count():
-            for data in self._pending:
-                self._publisher.publish(data)
-            self._pending = []
-
-    def fail(self, problem: str) -> None:
-        """End the node with an error.
-
-        Args:
-            problem: one line.
-        """
-        self.problem = self.problem or problem
-        self.done.set()
-
-    def wait(self) -> None:
-        """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
-        if self._publisher.get_subscription_count():
-            self._publisher.publish(NO_CHANGE)
-        self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
-
-    @property
-    def waits(self) -> bool:
-        """Whether no state has arrived yet."""
-        return self._last_ns < 0
+    def report_following(self) -> None:
+        """Log how well the path is followed."""
+        self.report("following")
 
 
 def build_limits(scene: Scene, stroke: float, change: float, effort: float) -> Limits:
@@ -199,10 +164,6 @@ def _within(least: float, most: float) -> Any:
     return ParameterDescriptor(floating_point_range=[bounds], read_only=True)
 
 
-def _described(text: str) -> Any:
-    return ParameterDescriptor(description=text, read_only=True)
-
-
 def main(args: list[str] | None = None) -> int:
     """Follow a path until its duration is over or a signal arrives.
 
@@ -213,26 +174,7 @@ def main(args: list[str] | None = None) -> int:
         The exit status: 0, or 1 when the scene or a parameter was invalid.
     """
     parameters = "scene speed path rate horizon stroke fastest effort noise measured delay lock_step duration"
-    return run_node("plan", PlanNode, _spin, args, parameters)
-
-
-def _spin(node: PlanNode) -> None:
-    end_on_signals(node.done)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    reported = time.monotonic()
-    while not node.done.is_set():
-        executor.spin_once(timeout_sec=0.1)
-        node.throttle.flush()
-        if time.monotonic() - reported > _REPORT_EVERY_S:
-            reported = time.monotonic()
-            if node.waits:
-                node.wait()
-            else:
-                node.report("following")
-    node.leave()
-    if node.problem:
-        raise CrawlerError(node.problem)
+    return run_node("plan", PlanNode, PlanNode.answer_states, args, parameters)
 
 
 if __name__ == "__main__":
