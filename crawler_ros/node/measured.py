@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from crawler_model import Scene
@@ -40,27 +42,32 @@ class MeasuredTopics:
             joints: as of `Readout.read`, shape (K, 3, J).
             poses: x, y, and z and w of the orientation come first, shape (K, 7).
         """
-        for ns, of_joints, pose in zip(times_ns.tolist(), joints, poses[:, :4], strict=True):
-            arrived = self._states.measure(ns, of_joints, pose)
-            if not arrived and self._each_tick:
-                arrived = [self._states.latest]
-            for stamp, measured, place in arrived:
-                self._last = self._layouts[0].encode(stamp, measured.ravel()), self._layouts[1].encode(stamp, place)
-                self._send_last()
+        for state in zip(times_ns.tolist(), joints, poses, strict=True):
+            for outlet, data in self._measure(*state):
+                outlet.send(data)
 
-    def _send_last(self) -> None:
-        for outlet, data in zip(self._outlets, self._last, strict=True):
-            outlet.send(data)
+    def send_start(self, joints: np.ndarray, pose: np.ndarray) -> None:
+        """Measure the state at the start of a run, and send what arrives then.
 
-    def send_start(self, joints: np.ndarray, poses: np.ndarray) -> None:
-        """Measure the state at the start of a run and send it, see `send`."""
+        Args:
+            joints: as of `Readout.read`, shape (3, J).
+            pose: as for `send`, shape (7,).
+        """
         self._states.restart()
-        for outlet in self._outlets:
-            outlet.has_newcomers()
-        self.send(np.zeros(1, np.int64), joints, poses)
+        for outlet, data in self._measure(0, joints, pose):
+            outlet.record(data)
+            outlet.publish_start(data)
 
     def resend(self) -> None:
         """Publish the measurement of the start again where there are more subscribers than before."""
-        for outlet, data in zip(self._outlets, self._last, strict=True):
-            if outlet.has_newcomers():
-                outlet.publish(data)
+        for outlet in self._outlets:
+            outlet.resend_start()
+
+    def _measure(self, ns: int, joints: np.ndarray, pose: np.ndarray) -> Iterator[tuple[Outlet, bytes]]:
+        """Measure a state; yield the messages that arrive, and where they go."""
+        arrived = self._states.measure(ns, joints, pose[:4])
+        if not arrived and self._each_tick:
+            arrived = [self._states.latest]
+        for stamp, *measured in arrived:
+            for outlet, layout, numbers in zip(self._outlets, self._layouts, measured, strict=True):
+                yield outlet, layout.encode(stamp, numbers.ravel())

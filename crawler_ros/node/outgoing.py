@@ -38,6 +38,7 @@ class Outlet:
         self._publisher = publisher
         self._latched = publisher is not None and publisher.qos_profile.durability.name != "VOLATILE"
         self._subscribers = 0
+        self._start = b""
 
     def send(self, data: bytes) -> None:
         """Record and publish a message.
@@ -45,20 +46,38 @@ class Outlet:
         Args:
             data: its CDR bytes.
         """
-        if self._recorder is not None and self.channel >= 0:  # before a subscriber can answer
-            now = self._recorder.now_ns()
-            self._recorder.record(self.channel, now, now, data)
+        self.record(data)  # before a subscriber can answer
         if self.publish is not None:
             self.publish(data)
+
+    def record(self, data: bytes) -> None:
+        """Record a message, if there is a recording.
+
+        Args:
+            data: its CDR bytes.
+        """
+        if self._recorder is not None and self.channel >= 0:
+            now = self._recorder.now_ns()
+            self._recorder.record(self.channel, now, now, data)
 
     def is_heard(self) -> bool:
         """Determine whether a message that is published now can be received: at once, or later if it is latched."""
         return self.publish is not None and (self._latched or self._publisher.get_subscription_count() > 0)
 
-    def has_newcomers(self) -> bool:
-        """Determine whether there are more subscribers than at the last call."""
+    def publish_start(self, data: bytes) -> None:
+        """Publish what holds at the start.
+
+        Args:
+            data: the CDR bytes of a message.
+        """
+        self._start, self._subscribers = data, self._publisher.get_subscription_count()
+        self.publish(data)  # who comes after they were counted is sent it again, at worst twice
+
+    def resend_start(self) -> None:
+        """Publish it again where there are more subscribers than before."""
         before, self._subscribers = self._subscribers, self._publisher.get_subscription_count()
-        return self._subscribers > before
+        if self._subscribers > before:
+            self.publish(self._start)
 
 
 class Outgoing:
@@ -81,7 +100,6 @@ class Outgoing:
         self._ledger = topics.pop(LEDGER, None)
         self._states = [(outlet, *self.encoder.places[name]) for name, outlet in topics.items()]
         self._unrecorded = 0, 0, np.zeros(0, np.int64)
-        self._start = memoryview(b"")
 
     def send(self, taken: Vertices, read: np.ndarray, sent: np.ndarray, began_ns: int) -> None:
         """Record all messages of K ticks, then publish them: of each tick the states first, for which controllers wait.
@@ -126,13 +144,11 @@ class Outgoing:
     def send_start(self) -> None:
         """Send the state at the start, which was read into the first row; it has no ledger."""
         always, start = np.ones(1, np.bool_), hold(np.zeros(2, np.int64), self._columns)
-        self._start, _ = self._record(start, False, always, always, time.monotonic_ns())
+        data, _ = self._record(start, False, always, always, time.monotonic_ns())
         for outlet, first, last in self._states:
-            outlet.has_newcomers()  # who comes after this is sent it, at worst twice
-            outlet.publish(bytes(self._start[first:last]))
+            outlet.publish_start(bytes(data[first:last]))
 
     def resend(self) -> None:
         """Publish the state at the start again where there are more subscribers than before, the clock first."""
-        for outlet, first, last in reversed(self._states):
-            if outlet.has_newcomers():
-                outlet.publish(bytes(self._start[first:last]))
+        for outlet, _, _ in reversed(self._states):
+            outlet.resend_start()

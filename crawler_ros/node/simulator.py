@@ -343,9 +343,11 @@ class Simulator(QuietNode):
 
     def _warn_of_silence(self, wall_ns: int) -> None:
         """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt."""
-        heard = any(self._outlets[name].is_heard() for name in STATES[:2])
-        self._silent_ns = self._silent_ns or (wall_ns if heard else 0)
-        if not (self.lock_step and self._silent_ns) or self.intake.received or wall_ns - self._silent_ns < _SILENCE_NS:
+        if not self.lock_step or self.intake.received:
+            return
+        if not self._silent_ns and any(self._outlets[name].is_heard() for name in STATES[:2]):
+            self._silent_ns = wall_ns
+        if not self._silent_ns or wall_ns - self._silent_ns < _SILENCE_NS:
             return
         self._silent_ns = sys.maxsize  # once
         topics = ", ".join(map(self.resolve_topic_name, self.intake.arrivals))

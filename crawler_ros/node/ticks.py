@@ -102,7 +102,7 @@ class Ticks:
         self._outgoing.send_start()
         if self._measured is not None:
             encoder = self._outgoing.encoder
-            self._measured.send_start(encoder.joints[:1], encoder.poses[:1])
+            self._measured.send_start(encoder.joints[0], encoder.poses[0])
         if self._feed is not None:
             self._feed.show(0, self.crawler, ())
 
