@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import yaml
 
 from crawler_model import CrawlerError
 
@@ -89,8 +88,7 @@ def run_controller(
             raise CrawlerError(f"-p {text}: write NAME:=VALUE, for example -p rate:=200.0")
         if name in options:
             raise CrawlerError(f"-p {text}: {name} is chosen by the command; use its argument or its option")
-        plain = yaml.safe_load(value)
-        options[name] = plain if isinstance(plain, (bool, int, float)) else value
+        options[name] = _read_value(value)
     status = None
     with _noted_signals() as received, _own_domain() as environment:
         simulator = _Simulator(options, environment)
@@ -117,6 +115,14 @@ def run_controller(
     recorded = re.findall(r"recorded .*", simulator.noted)
     screen.print("; ".join([f"{controller.name} {how}", *(f"simulator {text}" for text in stopped), *recorded]))
     raise typer.Exit(128 + received[0] if received else status or 0)
+
+
+def _read_value(text: str) -> str | float | bool:
+    """Read a number or a switch as ROS reads it in a command line; all else is text."""
+    import yaml
+
+    plain = yaml.safe_load(text)
+    return plain if isinstance(plain, (bool, int, float)) else text
 
 
 @contextlib.contextmanager
