@@ -16,6 +16,7 @@ import typer
 
 from crawler_model import CrawlerError
 
+from . import controller as controller_process
 from .processes import Process, node_command
 from .screen import SceneArgument, require, screen
 
@@ -36,13 +37,14 @@ class _Simulator(Process):
 
     def __init__(self, options: dict[str, str | float | bool], environment: dict[str, str]) -> None:
         super().__init__(node_command("crawler_ros.node.simulator", **options), environment | _LOG)
-        self.noted = ""
+        self.noted, self.is_deaf = "", False
 
     def relay(self) -> None:
         """Print warnings, errors and why nothing happens yet; note what the simulator reports of its life."""
         for line in self.new_lines():
             if re.search(r"\[(WARN|ERROR|FATAL)\]|compiling", line):
                 print(line, file=sys.stderr)
+                self.is_deaf |= "of its messages is received" in line or "nothing passes" in line
             elif re.search(r"\[crawler\]: (recorded|stopped after) |waiting for commands on", line):
                 self.noted += f"{line}\n"
 
@@ -70,9 +72,10 @@ def run_controller(
     follow `--`, as in `-- --ros-args -p target:=0.1`.
 
     The controller is any Python program with a ROS 2 node. It starts as soon as the simulator has published a state,
-    and its output is not changed; the simulator shows only its warnings and errors. The command exits with the
-    controller's exit status, or 0 when --duration has ended it. Ctrl-C ends the controller, then the simulator. Both
-    run on this machine, in a ROS domain of their own, unless ROS_DOMAIN_ID or a discovery range is set.
+    and its output is not changed, except that a stop by this command leaves no traceback; the simulator shows only its
+    warnings and errors. The command exits with the controller's exit status, or 0 when --duration has ended it. Ctrl-C
+    ends the controller, then the simulator. Both run on this machine, in a ROS domain of their own, unless
+    ROS_DOMAIN_ID or a discovery range is set.
     """
     require("rclpy", *(("mcap", "zstandard") if record is not None else ()))
     if not controller.is_file():
@@ -95,7 +98,7 @@ def run_controller(
         try:
             _await_first_state(simulator, received)
             if not received:
-                words = [sys.executable, str(controller), *(arguments or ())]
+                words = [sys.executable, controller_process.__file__, str(controller), *(arguments or ())]
                 status = _play(simulator, words, environment, received)
         finally:
             simulator.end(_RECORDS_S)
@@ -106,10 +109,12 @@ def run_controller(
     if status is None and duration is None and not received:
         raise CrawlerError(f"the simulator ended before the controller: {last}")
     if status == 0 and "no command was received" in simulator.noted:
-        raise CrawlerError(
-            f"{controller} ended before the simulator received a command; let it wait until its publisher has a "
-            "subscriber (get_subscription_count() > 0), and after its last command for the next state"
+        hint = (
+            "; let it wait until its publisher has a subscriber (get_subscription_count() > 0), and after its last "
+            "command for the next state"
         )
+        hint = ": the warning above names the reason" if simulator.is_deaf else hint
+        raise CrawlerError(f"{controller} ended before the simulator received a command{hint}")
     how = "was ended" if status is None else f"ended with status {status}"
     stopped = re.findall(r"stopped after .*", simulator.noted)
     recorded = re.findall(r"recorded .*", simulator.noted)

@@ -63,7 +63,11 @@ class Stepper:
     @property
     def is_over(self) -> bool:
         """Whether the duration is reached."""
-        return self.now_ns >= self._until_ns
+        return self.ends_at(self.now_ns)
+
+    def ends_at(self, ns: int) -> bool:
+        """Determine whether the duration is reached at a simulated time [ns]."""
+        return ns >= self._until_ns
 
     @property
     def rests(self) -> bool:

@@ -132,6 +132,8 @@ class Ticks:
         sent = always if self._every == 1 else (np.arange(tick + 1, tick + 1 + always.size) % self._every == 0)
         if shown or taken.ended >= 0:
             sent[taken.ended] = True
+        if self._stepper.ends_at(int(taken.times_ns[-1])):
+            sent[-1] = True
         read = sent if self.yields is None and self._measured is None else always
         x: list[np.ndarray] = []
         jumps: _Jumps = {}

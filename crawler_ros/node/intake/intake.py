@@ -12,7 +12,7 @@ from crawler_model.body.drive import NS
 
 from ...wire.topics import Topic, open_subscription
 from .commands import CommandQueue
-from .peers import RIVAL_TOPICS, Arrivals, Turns, publishers_of
+from .peers import RIVAL_TOPICS, Arrivals, Turns, publishers_of, publishers_of_other_types
 from .received import read_array, read_joints, read_trajectory
 from .refusals import Refusals, Throttle
 
@@ -46,6 +46,7 @@ class Intake:
         """
         self.refusals = Refusals(throttle)
         self.arrivals: dict[str, Arrivals] = {}
+        self._types: dict[str, str] = {}
         self._turns = {names: Turns() for names in RIVAL_TOPICS}
         self._commands, self._throttle, self._recorder = commands, throttle, recorder
         self._accepted = accepted
@@ -72,6 +73,7 @@ class Intake:
         """
         accept, most = self._handlers[topic.name]
         arrivals = self.arrivals[topic.name] = Arrivals()
+        self._types[topic.name] = topic.type
         name, recorder = topic.name, self._recorder
         (turns,) = (turns for names, turns in self._turns.items() if name in names)
 
@@ -101,7 +103,7 @@ class Intake:
         open_subscription(node, topic, receive)
 
     def find_publishers(self, node: Any) -> dict[str, list[tuple[bytes, str]]]:
-        """List the present publishers of commands, and log the messages lost since the last call.
+        """List the present publishers of commands, and log those of other types and the messages lost since last time.
 
         Args:
             node: an rclpy node.
@@ -111,6 +113,9 @@ class Intake:
         """
         found = {name: publishers_of(node, name) for name in self.arrivals}
         for name, arrivals in self.arrivals.items():
+            if found[name]:
+                for text in publishers_of_other_types(node, name, self._types[name]):
+                    node.warn_once(text)
             with self._lock:
                 lost = arrivals.count_losses(gid for gid, _ in found[name])
             if lost:

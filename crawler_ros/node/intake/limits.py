@@ -68,6 +68,8 @@ class Limits:
         if not excess.any():
             return
         i = int(np.argmax(excess))
+        if not np.isfinite(values[i]):
+            raise CommandError(f"{what}: {names[i]} is {values[i]:g}; it must be finite")
         column = columns + i if isinstance(columns, int) else columns[i]
         parameter = "limit.length, in m," if column < self.lengths else "limit.friction, in N,"
         source = f"set the parameter {parameter} to accept more"

@@ -134,6 +134,26 @@ def publishers_of(node: Any, topic: str) -> list[tuple[bytes, str]]:
     return [(bytes(i.endpoint_gid), _name_of(i.node_namespace, i.node_name)) for i in found]
 
 
+def publishers_of_other_types(node: Any, topic: str, kind: str) -> list[str]:
+    """Describe the publishers of a topic whose messages nobody receives.
+
+    Args:
+        node: an rclpy node.
+        topic: its name, relative to the node.
+        kind: the type of the messages that are received.
+
+    Returns:
+        A line for each.
+    """
+    full = node.resolve_topic_name(topic)
+    return [
+        f"{_name_of(i.node_namespace, i.node_name)} publishes {i.topic_type} on {full}, which takes {kind}: none of "
+        "its messages is received"
+        for i in node.get_publishers_info_by_topic(full)
+        if i.topic_type != kind
+    ]
+
+
 def _name_of(namespace: str, name: str) -> str:
     """Return the full name of a node, or words where only its publisher is discovered so far."""
     known = name not in ("", "_NODE_NAME_UNKNOWN_")

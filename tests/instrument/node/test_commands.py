@@ -294,7 +294,7 @@ REFUSED = [
     ("accept_joints", (["contact_0/forward"], np.zeros(1)), "'contact_0/forward' is a friction; this topic takes only"),
     ("accept_joints", (["link_1", "link_1"], np.zeros(2)), "a joint is named twice, at last by 'link_1'"),
     ("accept_joints", (["link_1", "link_0"], np.zeros(1)), "1 position(s) for 2 name(s); it needs one each"),
-    ("accept_joints", (["link_1"], np.array([np.inf])), "link_1 is inf; at most"),
+    ("accept_joints", (["link_1"], np.array([np.inf])), "link_1 is inf; it must be finite"),
     ("accept_friction", ([1.0, 1.0],), "2 value(s); it needs 1, 3 (one per contact) or 6"),
     ("accept_friction", ([1.0, -1.0, 1.0],), "entry 1 is -1 N; friction must be >= 0"),
     ("accept_friction", ([float("inf")],), "entry 0 is inf"),

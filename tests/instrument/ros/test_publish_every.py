@@ -23,6 +23,7 @@ from crawler_ros.wire.definitions import find_ament_prefix
 from ...processes import wait_until
 from ...scenes import write_chain
 from .graph import Graph, graph, node_command, seconds
+from .machine import recorded
 from .test_patches import CLIFF
 
 EVERY = 5
@@ -119,6 +120,19 @@ def bag_without(records, found, folder, keep):
             writer.write(channels[record.channel.id], record.log_ns, record.publish_ns, record.data)
     writer.close()
     return folder
+
+
+@pytest.mark.parametrize("factor", [0.0, 1.0])
+def test_the_last_state_of_a_duration_is_published(ros, factor):
+    bags = ros.folder / "bags"
+    more = (f"record:={bags}", f"real_time_factor:={factor}", "duration:=0.33")
+    process = ros.start("crawler_ros.node.simulator", f"publish.every:={EVERY}", *more)
+    assert process.wait() == 0, process.said
+    (recording,) = bags.iterdir()
+    replay = analyse(recording)
+    assert replay.healthy, replay.problems
+    stamps = [seconds(m) for m in recorded(recording, "/joint_states")]
+    assert np.round(100 * np.array(stamps)).tolist() == [0, 5, 10, 15, 20, 25, 30, 33]
 
 
 def test_a_tick_whose_commands_the_ground_refuses_shows_its_state(ros):

@@ -87,6 +87,60 @@ def test_it_ends_with_the_controller_and_its_status(tmp_path, ros: Graph):
     assert "controller.py ended with status 1; simulator stopped after" in raised.said
 
 
+SPINNING = """
+import threading
+import rclpy
+from std_msgs.msg import Float64MultiArray
+
+rclpy.init()
+node = rclpy.create_node("spinning")
+lengths = node.create_publisher(Float64MultiArray, "actuation_controller/commands", 10)
+threading.Thread(target=rclpy.spin, args=(rclpy.create_node("beside"),)).start()
+try:
+    while True:
+        lengths.publish(Float64MultiArray(data=[0.0, 0.0]))
+        rclpy.spin_once(node, timeout_sec=0.01)
+finally:
+    {finally_}
+"""
+
+
+def test_a_stop_that_was_asked_for_is_no_error_of_the_controller_but_its_own_is(tmp_path, ros: Graph):
+    """In lock-step the duration is over only once the controller has commanded."""
+    words = (SCENE, write(tmp_path, SPINNING.format(finally_="pass")), "--lock-step", "--duration", "0.1")
+    run = ros.command("run", *words)
+    assert run.wait() == 0
+    assert run.said.splitlines() == ["controller.py was ended; simulator stopped after 10 ticks, 0 late"]
+    write(tmp_path, SPINNING.format(finally_="raise ValueError('clean-up')"))
+    run = ros.command("run", *words)
+    assert run.wait() == 0
+    assert "ValueError: clean-up" in run.said
+    assert "runpy" not in run.said
+
+
+def test_a_message_of_another_type_is_named_with_the_right_one(tmp_path, ros: Graph):
+    text = ENDLESS.replace("Float64MultiArray", "Float32MultiArray").replace("rclpy.spin(node)", WAITS)
+    run = ros.command("run", SCENE, write(tmp_path, text))
+    assert run.wait() == 1, run.said
+    *_, warning, last = (line for line in run.said.splitlines() if "Multi" in line or "crawler: " in line)
+    assert warning.endswith(
+        "/endless publishes std_msgs/msg/Float32MultiArray on /actuation_controller/commands, which takes "
+        "std_msgs/msg/Float64MultiArray: none of its messages is received"
+    )
+    assert last.endswith(
+        "controller.py ended before the simulator received a command: the warning above names the reason"
+    )
+
+
+WAITS = """
+    from diagnostic_msgs.msg import DiagnosticArray
+    reports = []
+    node.create_subscription(DiagnosticArray, "/diagnostics", reports.append, 10)
+    while len(reports) < 3:  # each follows a look at the publishers
+        rclpy.spin_once(node)
+"""
+
+
 def start(ros: Graph, folder: Path, **more: str | None) -> tuple[Process, int, list[str]]:
     """Start an endless controller as a user does; return the command, the process of the controller and its domain."""
     crawler = [sys.executable, "-m", "crawler_command.app"]
