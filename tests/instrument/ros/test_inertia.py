@@ -27,7 +27,7 @@ def test_diagnostics_report_the_number_since_the_last_reset(ros, tmp_path, lock_
     scene = tmp_path / "two.yaml"
     scene.write_text(SCENE)
     pace = f"lock_step:={lock_step}", "real_time_factor:=0.0"
-    ros.simulator(f"scene:={scene}", *pace, hear=("joint_states", "/diagnostics"))
+    ros.simulator(f"scene:={scene}", *pace, hear=("/diagnostics",))  # a flood of states would push out the answer
     ros.publish("joint_trajectory", trajectory(["link_0"], (0.5, [0.1]), (1.0, [0.0])))
     wait_until(lambda: status(ros, "simulation") is not None, what="a report")
     wait_until(lambda: value(ros, "simulation", "inertia number") == "0.5", what="the number")
