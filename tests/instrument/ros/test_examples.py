@@ -18,7 +18,7 @@ from rclpy.clock import Clock
 from scipy.optimize import brentq, minimize_scalar
 
 from crawler_model import Scene, load_scene, simulate
-from crawler_ros.examples import path_control, phase_control, speed_control
+from crawler_ros.examples import path_control, periods, phase_control, speed_control
 
 from ...processes import wait_until
 from .graph import graph
@@ -30,17 +30,18 @@ LINE = re.compile(r"line (\d+): (\S+) m before its end, (\S+) m to the left")
 BEST = re.compile(r"best phase (\S+) of a period, (\S+) m per period")
 
 
-@pytest.mark.parametrize("module", [speed_control, phase_control, path_control])
+@pytest.mark.parametrize("module", [periods, speed_control, phase_control, path_control])
 def test_they_are_plain_rclpy_with_standard_messages(module):
+    """What they share is copied with them."""
     standard = {"builtin_interfaces", "diagnostic_msgs", "geometry_msgs", "rcl_interfaces", "sensor_msgs"}
     standard |= {"trajectory_msgs", "rclpy"}
     imported = set()
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom):
-            imported.add(node.module.split(".")[0])
+            imported.add(node.module if node.module == periods.__name__ else node.module.split(".")[0])
         elif isinstance(node, ast.Import):
             imported |= {alias.name.split(".")[0] for alias in node.names}
-    assert imported <= standard | set(sys.stdlib_module_names)
+    assert imported <= standard | {periods.__name__} | set(sys.stdlib_module_names)
 
 
 @pytest.mark.parametrize("module", [speed_control, phase_control, path_control])
@@ -51,10 +52,7 @@ def test_help_is_their_docstring(module, monkeypatch, capsys):
         assert capsys.readouterr().out == f"{module.__doc__}\n"
 
 
-@pytest.mark.parametrize(
-    "kind", [speed_control.SpeedControl, phase_control.PhaseControl, path_control.PathControl], ids=lambda k: k.__name__
-)
-def test_rivals_are_named_once_and_withdrawn(kind):
+def test_rivals_are_named_once_and_withdrawn():
     count, logged, published = {"pose": 2, "joint_trajectory": 1}, [], []
     node = SimpleNamespace(
         rivals="",
@@ -66,7 +64,7 @@ def test_rivals_are_named_once_and_withdrawn(kind):
     )
     for pose in (2, 2, 1, 1):
         count["pose"] = pose
-        kind.look_for_rivals(node)
+        periods.PeriodController.look_for_rivals(node)
     assert logged == ["another node publishes pose too"]
     assert [m.status[0].message for m in published] == ["another node publishes pose too"] * 2 + ["alone"]
     assert [m.status[0].level for m in published] == [DiagnosticStatus.WARN] * 2 + [DiagnosticStatus.OK]
@@ -99,7 +97,7 @@ def test_a_joint_that_the_body_does_not_have_ends_them_with_one_line(tmp_path, c
         assert text in process.said.splitlines()[-1]
 
 
-def periods(said: str) -> np.ndarray:
+def played_periods(said: str) -> np.ndarray:
     """Amplitude and distance of each period."""
     found = [m.groups() for m in PERIOD.finditer(said)]
     assert [int(count) for count, _, _ in found] == list(range(1, len(found) + 1))
@@ -128,7 +126,7 @@ SCENES = [("three_contacts_one_way", 0.1, 0.08), ("two_contacts_anisotropic", 0.
 
 @pytest.mark.parametrize(("scene", "target", "closed_form"), SCENES)
 def test_the_speed_reaches_its_target(tmp_path, scene, target, closed_form):
-    played = periods(play(tmp_path, scene, SPEED, f"target:={target}", "periods:=40"))
+    played = played_periods(play(tmp_path, scene, SPEED, f"target:={target}", "periods:=40"))
     amplitude = exact_amplitude(scene, target)
     assert amplitude == pytest.approx(closed_form, abs=1e-12)
     assert played[-1] == pytest.approx([amplitude, target], abs=1e-6)
@@ -138,7 +136,7 @@ def test_the_speed_reaches_its_target(tmp_path, scene, target, closed_form):
 def test_a_target_out_of_reach_does_not_wind_it_up(tmp_path):
     """The limit is kept, and left as soon as it may be: the integral has not grown meanwhile."""
     said = play(tmp_path, SCENES[0][0], SPEED, "target:=0.5", "limit:=0.09", "periods:=30")
-    played = periods(said)
+    played = played_periods(said)
     assert played[:, 0].max() == 0.09
     assert played[-1] == pytest.approx([0.09, 0.12], abs=1e-12)
 
@@ -149,7 +147,7 @@ def test_the_speed_is_reached_at_the_wall_clocks_pace_too(tmp_path):
         ros.start("crawler_ros.node.simulator", f"scene:={scene}", *FREE)
         control = ros.start(SPEED, f"target:={target}")
         reached = pytest.approx([amplitude, target], abs=1e-6)  # later, where the machine delays a command
-        wait_until(lambda: any(list(row) == reached for row in periods(control.said)), what="the speed")
+        wait_until(lambda: any(list(row) == reached for row in played_periods(control.said)), what="the speed")
 
 
 def anchors(phase: float) -> Scene:
