@@ -32,6 +32,7 @@ _OTHER_NODES = {
     "crawler-speed-control": "crawler_ros/examples/speed_control.py",
     "crawler-phase-control": "crawler_ros/examples/phase_control.py",
     "crawler-path-control": "crawler_ros/examples/path_control.py",
+    "each of these three": "crawler_ros/examples/periods.py",
     "crawler-policy": "crawler_lab/gym/policy_node.py",
     "crawler-plan": "crawler_lab/plan/plan_node.py",
 }
@@ -247,7 +248,7 @@ def parameters() -> str:
         rows.append((code(row.name), row.type, default, bounds, "yes" if row.runtime else "", row.meaning))
     simulator = table("parameter", "type", "default", "range", "at run time", "meaning", rows=rows)
     found = ((node, *pair) for node, file in _OTHER_NODES.items() for pair in declared(ROOT / file))
-    others = table("node", "parameter", "default", rows=((code(a), code(b), code(c)) for a, b, c in found))
+    others = table("node", "parameter", "default", rows=((code(a) if a.startswith("crawler") else a, code(b), code(c)) for a, b, c in found))
     return _PARAMETERS.format(simulator=simulator, others=others)
 
 
