@@ -247,8 +247,12 @@ def parameters() -> str:
         default = "(empty)" if row.default == "" else code(row.default)
         rows.append((code(row.name), row.type, default, bounds, "yes" if row.runtime else "", row.meaning))
     simulator = table("parameter", "type", "default", "range", "at run time", "meaning", rows=rows)
-    found = ((node, *pair) for node, file in _OTHER_NODES.items() for pair in declared(ROOT / file))
-    others = table("node", "parameter", "default", rows=((code(a) if a.startswith("crawler") else a, code(b), code(c)) for a, b, c in found))
+    found = (
+        (code(node) if node[:8] == "crawler-" else node, *pair)
+        for node, file in _OTHER_NODES.items()
+        for pair in declared(ROOT / file)
+    )
+    others = table("node", "parameter", "default", rows=((a, code(b), code(c)) for a, b, c in found))
     return _PARAMETERS.format(simulator=simulator, others=others)
 
 
