@@ -33,11 +33,14 @@ from .measurements import Measurements, channel_names, observation
 from .replica.playback import playback, replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
+from .replica.start import relax_start
 from .sensor.sensor import Sensor, build_drift
 
 _PRIOR = math.log(3.0) ** 2
 """Variance of a parameter before anything is measured."""
 _QUANTILE = 1.96
+_VAGUE = 1.0
+"""Information about the numbers of an unknown start before anything is measured [1/m^2]."""
 _AT_ONCE = 4
 """Waypoints by which the drive grows."""
 _CANDIDATES = 24
@@ -198,7 +201,9 @@ class _Search:
         moved = set(name_each("link", scene.body.link_springs.size))
         self.channels = tuple(name for name in channel_names(scene) if name not in moved)
         first = self._recording(self.rows[[0, 0]])
-        base = replay_scene(scene, first)
+        relaxed = relax_start(scene, keys, first)
+        self.begun, self.unknown_start = scene if relaxed is None else relaxed, relaxed is not None
+        base = replay_scene(self.begun, first)
         names = expand_keys(base, keys, "excite")
         self.seeks_start = any(key.startswith("start") for key in keys)
         self.names = names
@@ -209,7 +214,7 @@ class _Search:
 
     def _build_replica(self, recording: Measurements) -> Replica:
         if self.scene.has_exact_derivatives:
-            return Replica(self.scene, recording, self.names, "excite")
+            return Replica(self.begun, recording, self.names, "excite", self.unknown_start)
         return SampledReplica(self.scene, recording, self.names, "excite")
 
     def grow(self, most: int, interval: float, progress: Callable[[float], None] | None) -> None:
@@ -288,21 +293,28 @@ class _Search:
         """Compute the Fisher information about the coordinates, shape (P, P), as `identify` knows a sensor by default.
 
         Lag, scale, drifts and offsets of the channels (if the start is sought, one offset of the frame) are unknown,
-        too, with the priors of a `Sensor`.
+        too, with the priors of a `Sensor`; and so is the start if nothing tells it.
         """
-        predicted, measured, sensor = self.replica.predict(values), self.replica.measured, Sensor()
+        measured, sensor, starts = self.replica.measured, Sensor(), self.replica.starts
+        predicted = self.replica.predict(values, start=np.zeros(starts) if starts else None)
         if predicted is None:
             return None
         count, slope = values.size, self.space.slope(values)[:, None]
-        total = np.zeros((count + 3, count + 3))
+        total = np.zeros((count + 3 + starts, count + 3 + starts))
         shared = sensor.lag.deviation**-2, sensor.scale.deviation**-2, 0.0 if self.seeks_start else 1.0
-        total[count:, count:] = np.diag(shared)
+        total[count:, count:] = np.diag((*shared, *[_VAGUE] * starts))
         added = np.stack((np.ones(measured.time.size), build_drift(measured.time)))
         prior = np.diag([0.0, sensor.drift.deviation**-2])
         for m, grounded in enumerate(measured.on_ground):
             own = slice(int(self.seeks_start), 1 + int(grounded))
             frame = added[0] * (grounded and self.seeks_start)
-            rows = predicted.jacobian[m] * slope, -predicted.velocity[:, m], predicted.values[:, m] * grounded, frame
+            rows = (
+                predicted.jacobian[m, :count] * slope,
+                -predicted.velocity[:, m],
+                predicted.values[:, m] * grounded,
+                frame,
+                predicted.jacobian[m, count:],
+            )
             moved, apart = np.vstack(rows) / self.noise, added[own] / self.noise
             crossed = moved @ apart.T
             total += moved @ moved.T - crossed @ np.linalg.solve(apart @ apart.T + prior[own, own], crossed.T)

@@ -48,6 +48,7 @@ class Identification:
         offsets: what was added to the model for each recording, shape (M,) [m].
         drifts: what their offsets change by over each recording, shape (M,) [m].
         noises: estimated standard deviation of each channel, for each recording, shape (M,) [m].
+        starts: displacement at the start of each recording, shape (N,) [m]; None if the scene or a parameter tells it.
         posterior: the values of the parameters as a distribution, for predictions and gaits.
         interrupted: whether Ctrl-C ended the search before all starts were tried.
     """
@@ -70,6 +71,7 @@ class Identification:
     offsets: tuple[np.ndarray, ...]
     drifts: tuple[np.ndarray, ...]
     noises: tuple[np.ndarray, ...]
+    starts: tuple[np.ndarray | None, ...]
     posterior: Posterior
     interrupted: bool
 
@@ -96,7 +98,7 @@ class Identification:
             them if they have a gain.
         """
         gains = [one.value for one in self.sensors if one.name == GAIN]  # one of each recording
-        return playback(self.scene, self.recordings[recording], gains[recording])
+        return playback(self.scene, self.recordings[recording], gains[recording], self.starts[recording])
 
     def __repr__(self) -> str:
         """Describe the result in one line."""
@@ -137,9 +139,10 @@ class Identification:
                     "offset": dict(zip(m.channels, added.tolist(), strict=True)),
                     "drift": dict(zip(m.channels, drift.tolist(), strict=True)),
                     "noise": dict(zip(m.channels, noise.tolist(), strict=True)),
+                    "start": None if start is None else start.tolist(),
                 }
-                for m, rows, added, drift, noise in zip(
-                    self.recordings, self.fitted, self.offsets, self.drifts, self.noises, strict=True
+                for m, rows, added, drift, noise, start in zip(
+                    self.recordings, self.fitted, self.offsets, self.drifts, self.noises, self.starts, strict=True
                 )
             ],
             "complete": not self.interrupted,

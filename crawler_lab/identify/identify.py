@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,11 +26,13 @@ from .judge.explain import explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.sensors import judge_sensors
-from .judge.verdicts import Parameter, Structure, find_covariance, find_structure, judge
+from .judge.structure import Structure, find_covariance, find_structure
+from .judge.verdicts import Parameter, judge
 from .measurements import MeasurementError, Measurements, are_reversed, check_measurements
 from .replica.playback import replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
+from .replica.start import is_start_told, relax_start
 from .sensor.sensor import Sensor
 
 _COARSE = 16_000
@@ -105,14 +106,18 @@ def identify(
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
     sensor = Sensor() if sensor is None else sensor
     checked = [check_measurements(scene, m) for m in recordings]
-    base = replay_scene(scene, checked[0])
+    relaxed = relax_start(scene, keys, checked[0])
+    begun = scene if relaxed is None else relaxed
+    base = replay_scene(begun, checked[0])
     if base.has_exact_derivatives:
         check_differentiable(base, "identify")
     names = expand_keys(base, keys, "identify")
     kind = Replica if base.has_exact_derivatives else SampledReplica
-    replicas = [kind(scene, m, names) for m in checked]
+    replicas = [kind(begun, m, names, "identify", relaxed is not None) for m in checked]
+    if relaxed is not None and offset == "none":  # nothing tells where the first contact stands at the start
+        offset = "frame"
     space = build_space(names, replicas[0].start_values, bounds)
-    rows = _fitted_rows([m.time.size for m in checked], hold_out)
+    rows = _fitted_rows([m.time.size for m in checked], hold_out, apart=relaxed is None)
     problem = Problem(replicas, rows, space, offset, sensor)
     numbers = sum(int(present.sum()) for present in problem.present)
     unknowns = problem.count + sum(design.shape[-1] for design in problem.designs)
@@ -147,11 +152,14 @@ def _find(
     ), structure
 
 
-def _fitted_rows(sizes: Sequence[int], hold_out: float) -> list[np.ndarray]:
-    """Choose the rows that are fitted: of many recordings all rows of most, else the first rows of each."""
+def _fitted_rows(sizes: Sequence[int], hold_out: float, apart: bool) -> list[np.ndarray]:
+    """Choose the rows that are fitted: of many recordings all rows of most, if `apart`, else the first rows of each.
+
+    A recording whose start is unknown is no prediction without any fitted row.
+    """
     if hold_out == 0.0:
         return [np.ones(size, np.bool_) for size in sizes]
-    if len(sizes) >= _MANY:
+    if len(sizes) >= _MANY and apart:
         every = max(2, round(1.0 / hold_out))
         return [np.full(size, i % every != every - 1) for i, size in enumerate(sizes)]
     return [np.arange(size) < size - int(hold_out * size) for size in sizes]
@@ -207,7 +215,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
     covariance[np.ix_(unknown, unknown)] = own
     below, above = find_intervals(problem, fit, free, covariance, freedom, set(structure.weak))
-    parameters = judge(problem, fit, structure, below, above)
+    parameters, plain = judge(problem, fit, structure, below, above, covariance, freedom)
     sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))
     score = score_held_out(problem, fit, covariance, parameters)
@@ -220,7 +228,6 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     used = np.concatenate([r[p] for r, p in zip(fit.residuals.all, problem.present, strict=True)])
     noises = tuple(np.array([channel.noise.size for channel in one]) for one in problem.channels)
     added = list(zip(problem.designs, problem.offsets, fit.residuals.linear, strict=True))
-    plain: list[Mapping[str, Any]] = [parameter.as_plain() for parameter in parameters]
     weights, scatter = np.eye(problem.count)[:count] * slope[:, None], 0.0
     if problem.sensor.gain != (0.0, 0.0):
         gain, weight, scatter = _find_gain(problem, fit, covariance)
@@ -248,9 +255,18 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         offsets=tuple(design[0, :, :offsets] @ own[:offsets] for design, offsets, own in added),
         drifts=tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
         noises=noises,
+        starts=tuple(_find_start(problem, fit, i) for i in range(len(problem.replicas))),
         posterior=posterior,
         interrupted=fit.interrupted,
     )
+
+
+def _find_start(problem: Problem, fit: Fit, recording: int) -> np.ndarray | None:
+    """Compute the displacement at the start of a recording, shape (N,) [m]; None if it is known."""
+    start = problem.start(fit.unknowns, recording)
+    values = problem.space.to_values(fit.unknowns[: problem.space.origin.size])
+    found = None if start is None else problem.replicas[recording].motion_at(values, start)
+    return None if found is None else found[0].start_displacement
 
 
 def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray, float]:
@@ -271,6 +287,25 @@ def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[floa
     return gain, weight, max(scatter - 1.0, 0.0) / float(precision.sum())
 
 
+def _warn_of_start(scene: Scene, problem: Problem, parameters: Sequence[Parameter]) -> list[str]:
+    """Write what is not known because nothing tells how the recordings start."""
+    if is_start_told(scene, problem.space.names):
+        return []
+    if not problem.starts:
+        return [
+            f"nothing tells the forces of the springs at the start, and {scene.name} is of a kind for which they are "
+            "not found: all values hold only if it began without displacement, as the scene does"
+        ]
+    sums = sum(p.verdict == "sum" for p in parameters)
+    if not sums:
+        return []
+    return [
+        f"nothing tells the forces of the springs at the start, so of {sums} frictions only sums are determined, which "
+        "gait, gain and energy depend on; a record that begins at rest with slack springs would determine each "
+        f"friction, and so would {problem.starts} of them that are known"
+    ]
+
+
 def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:
     """Write the warnings."""
     warnings = ["interrupted: this is the best of the starts that were tried"] if fit.interrupted else []
@@ -279,6 +314,7 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
         for p in parameters
         if p.ended
     ]
+    warnings += _warn_of_start(scene, problem, parameters)
     if where is None:
         return warnings
     warnings += [

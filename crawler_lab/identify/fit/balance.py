@@ -46,12 +46,14 @@ class Seen:
         time: shape (T,) [s].
         x: displacement, but for a common shift, shape (T, N) [m].
         sliding: 1 forward, -1 backward, 0 at rest, shape (T, N).
+        first: displacement in the first row, shape (N,) [m].
     """
 
     replica: Replica
     time: np.ndarray
     x: np.ndarray
     sliding: np.ndarray
+    first: np.ndarray
 
 
 def see(replica: Replica, rows: np.ndarray) -> Seen | None:
@@ -74,7 +76,7 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
     values, time = replica.measured.values[rows], replica.measured.time[rows]
     noise = max(guess_noise(column, find_pixel(column), find_floor(values))[0].white for column in values.T)
     x = (values - added) @ np.linalg.pinv(matrix).T
-    stride = 1
+    stride, first = 1, x[0]
     while np.abs(np.diff(x[::stride], axis=0)).max() < _CLEAR * noise and time.size > 100 * stride:
         stride *= 2
     x, time = x[::stride], time[::stride]
@@ -88,13 +90,15 @@ def see(replica: Replica, rows: np.ndarray) -> Seen | None:
     keep = keep[:: max(1, keep.size // _MOST_ROWS)]
     if not (sliding != 0).any():
         return None
-    return Seen(replica, time[1:-1][keep], x[1:-1][keep], sliding[keep])
+    return Seen(replica, time[1:-1][keep], x[1:-1][keep], sliding[keep], first)
 
 
 def estimate(
     seen: list[Seen], space: Space, start: np.ndarray, sensor: Sensor, limited: bool
-) -> tuple[np.ndarray, float] | None:
+) -> tuple[np.ndarray, float, list[np.ndarray]] | None:
     """Estimate the parameters from the balance of forces.
+
+    Where the start is unknown, so is the place of each contact against the next one.
 
     Args:
         seen: the recordings.
@@ -103,7 +107,8 @@ def estimate(
         limited: whether limits that no spring reaches are moved to where one does.
 
     Returns:
-        Their values, shape (P,), and the lag [s]; None if the arrays of the scene are not valid at the start.
+        Their values, shape (P,), the lag [s], and the displacement at the start of each recording, shape (N,) [m]; None
+        if the arrays of the scene are not valid at the start.
     """
     from scipy.optimize import least_squares  # loads in 0.2 s
 
@@ -111,32 +116,49 @@ def estimate(
     start = _reach_limits(seen, space, start) if limited else start
 
     mean, deviation = sensor.lag
+    spread = [float(np.ptp(one.x)) for one in seen]
+    ends = np.cumsum([0, *(one.x.shape[1] - 1 if one.replica.starts else 0 for one in seen)])
+    begun = origin.size + 1
+
+    def shift(unknowns: np.ndarray, k: int) -> np.ndarray:
+        """Read by how much the contacts of a recording are displaced against the first one, shape (N,) [m]."""
+        own = unknowns[begun + ends[k] : begun + ends[k + 1]]
+        return np.append(0.0, spread[k] * own) if own.size else np.zeros(seen[k].x.shape[1])
 
     def errors(unknowns: np.ndarray) -> np.ndarray:
         coordinates = unknowns[: origin.size]
-        values, lag = space.to_values(coordinates), mean + deviation * float(unknowns[-1])
-        parts = [_errors(one, values, lag) for one in seen]
+        values, lag = space.to_values(coordinates), mean + deviation * float(unknowns[begun - 1])
+        parts = [_errors(one, values, lag, shift(unknowns, k)) for k, one in enumerate(seen)]
         if any(part is None for part in parts):
             return np.full(size, np.inf)
-        away = np.append(coordinates - origin, unknowns[-1])
+        away = np.concatenate((coordinates - origin, unknowns[begun - 1 :]))
         return np.concatenate([*parts, _TOWARDS_ORIGIN * away])  # type: ignore[list-item]
 
-    size = sum(one.x.size for one in seen) + origin.size + 1
-    first = np.append(space.to_coordinates(start), 0.0)
+    size = sum(one.x.size for one in seen) + begun + int(ends[-1])
+    wide = np.full(ends[-1], np.inf)
+    first = np.concatenate((space.to_coordinates(start), [0.0], np.zeros(ends[-1])))
+    for k, one in enumerate(seen):
+        if one.replica.starts:  # as if the springs were relaxed in the first row
+            at = one.replica.relaxed(start)
+            if at is None:
+                return None
+            apart = (at - at[0]) - (one.first - one.first[0])
+            first[begun + ends[k] : begun + ends[k + 1]] = apart[1:] / spread[k]
     if not np.isfinite(errors(first)).all():
         return None
-    low = np.append(space.to_coordinates(space.low), -_WIDEST)
-    high = np.append(space.to_coordinates(space.high), _WIDEST)
+    low = np.concatenate((space.to_coordinates(space.low), [-_WIDEST], -wide))
+    high = np.concatenate((space.to_coordinates(space.high), [_WIDEST], wide))
     options: Any = {"loss": "soft_l1", "f_scale": 0.02, "max_nfev": 60, "x_scale": 1.0}
     try:
         found: Any = least_squares(errors, np.clip(first, low, high), "2-point", bounds=(low, high), **options)
     except ValueError:  # a difference stepped to values that are not valid
         return None
-    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(origin.size + 1, np.bool_)])
-    jacobian, coordinates = np.abs(found.jac[slides, :-1]), found.x[:-1]
+    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(begun + int(ends[-1]), np.bool_)])
+    jacobian, coordinates = np.abs(found.jac[slides, : origin.size]), found.x[: origin.size]
     loose = space.logarithmic & (jacobian.max(axis=0) <= _LOOSE * jacobian.max())
-    values = space.to_values(np.minimum(np.where(loose, coordinates + np.log(_MORE), coordinates), high[:-1]))
-    return values, mean + deviation * float(found.x[-1])
+    values = space.to_values(np.minimum(np.where(loose, coordinates + np.log(_MORE), coordinates), high[: origin.size]))
+    starts = [one.first + shift(found.x, k) for k, one in enumerate(seen)]
+    return values, mean + deviation * float(found.x[begun - 1]), starts
 
 
 def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray:
@@ -154,9 +176,9 @@ def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarr
     return np.clip(values, space.low, space.high)
 
 
-def _errors(seen: Seen, values: np.ndarray, lag: float) -> np.ndarray | None:
+def _errors(seen: Seen, values: np.ndarray, lag: float, shift: np.ndarray) -> np.ndarray | None:
     """Compute by how much each contact is out of balance, relative to the mean force, shape (T N,)."""
-    found = seen.replica.balance(values, seen.time - lag, seen.x)
+    found = seen.replica.balance(values, seen.time - lag, seen.x + shift)
     if found is None:
         return None
     force, forward, backward = found

@@ -101,7 +101,8 @@ class Problem:
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
         self.offset, self.sensor = offset, sensor
-        self.names = sensor.unknown
+        self.starts = replicas[0].starts
+        self.names = (*sensor.unknown, *(f"start {j}" for j in range(self.starts)))
         self.count = space.origin.size + len(self.names) * len(self.replicas)
         self.designs = [_build_design(r, offset, sensor) for r in replicas]
         self.offsets = [_count_offsets(r, offset) for r in replicas]
@@ -177,14 +178,15 @@ class Problem:
         low[:count], high[:count] = (self.space.to_coordinates(v) for v in (self.space.low, self.space.high))
         for i, replica in enumerate(self.replicas):
             longest = _LONGEST_LAG * float(np.ptp(replica.measured.time))
-            for name, at in zip(self.names, self.places(i), strict=True):
+            low[self.places(i)], high[self.places(i)] = -np.inf, np.inf
+            for name, at in zip(self.sensor.unknown, self.places(i), strict=False):
                 mean, deviation = getattr(self.sensor, name)
                 most = max(abs(mean), longest) if name == "lag" else 0.9
                 low[at], high[at] = max(mean - _WIDEST * deviation, -most), min(mean + _WIDEST * deviation, most)
         return low, high
 
     def places(self, recording: int) -> range:
-        """List the indices of the unknowns of a recording's sensor.
+        """List the indices of the unknowns of a recording: of its sensor, then of its start.
 
         Returns:
             In the order of `names`.
@@ -193,12 +195,12 @@ class Problem:
         return range(first, first + len(self.names))
 
     def unknowns(self, values: np.ndarray) -> np.ndarray:
-        """Build a start from values of the parameters and the means of the priors.
+        """Build a start from values of the parameters, the means of the priors, and relaxed springs.
 
         Returns:
             Shape (U,).
         """
-        sensor = [getattr(self.sensor, name).mean for name in self.names]
+        sensor = [*(getattr(self.sensor, name).mean for name in self.sensor.unknown), *[0.0] * self.starts]
         return np.concatenate([self.space.to_coordinates(values), *[sensor for _ in self.replicas]])
 
     def sensed(self, unknowns: np.ndarray, recording: int) -> dict[str, float]:
@@ -209,6 +211,14 @@ class Problem:
         """
         found = {name: float(getattr(self.sensor, name).mean) for name in ("lag", "scale", "gain")}
         return found | {name: float(unknowns[at]) for name, at in zip(self.names, self.places(recording), strict=True)}
+
+    def start(self, unknowns: np.ndarray, recording: int) -> np.ndarray | None:
+        """Read the numbers of the start of a recording.
+
+        Returns:
+            Shape (S,) [m]; None if it is known.
+        """
+        return unknowns[list(self.places(recording))[len(self.sensor.unknown) :]] if self.starts else None
 
     def compute(self, unknowns: np.ndarray) -> Residuals | None:
         """Compute residuals and their derivatives.
@@ -240,8 +250,8 @@ class Problem:
 
     def _join(self, unknowns: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Join the residuals of all recordings and priors, shape (R,), and their derivatives, shape (U, R)."""
-        count, names = self.space.origin.size, len(self.names)
-        size = sum(part.shape[1] for part in parts) + names * len(parts)
+        count = self.space.origin.size
+        size = sum(part.shape[1] for part in parts) + len(self.sensor.unknown) * len(parts)
         fitted, jacobian = np.empty(size), np.zeros((self.count, size))
         place = 0
         for i, part in enumerate(parts):
@@ -250,7 +260,7 @@ class Problem:
             jacobian[:count, rows] = part[1 : 1 + count]
             jacobian[self.places(i), rows] = part[1 + count :]
             place = rows.stop
-        for k, name in enumerate(self.names):
+        for k, name in enumerate(self.sensor.unknown):
             mean, deviation = getattr(self.sensor, name)
             for i in range(len(parts)):
                 at = self.places(i)[k]
@@ -268,7 +278,8 @@ class Problem:
         replica, count = self.replicas[i], self.space.origin.size
         values = self.space.to_values(unknowns[:count])
         sensor = self.sensed(unknowns, i)
-        predicted = replica.predict(values, sensor["lag"], sensor["gain"], "gain" in self.names)
+        start, with_gain = self.start(unknowns, i), "gain" in self.names
+        predicted = replica.predict(values, sensor["lag"], sensor["gain"], with_gain, (), start)
         if predicted is None:
             return None
         ground = replica.measured.on_ground
@@ -276,8 +287,11 @@ class Problem:
         parts = {
             "lag": (-predicted.velocity * scale).T,
             "scale": (predicted.values * ground).T,
-            "gain": predicted.jacobian[:, -1] * scale[:, None],
         }
+        if with_gain:
+            parts["gain"] = predicted.jacobian[:, count] * scale[:, None]
+        own = predicted.jacobian[:, count + with_gain :] * scale[:, None, None]
+        parts |= {f"start {j}": own[:, j] for j in range(self.starts)}
         raw = np.empty((ground.size, 1 + count + len(self.names), predicted.values.shape[0]))
         raw[:, 0] = (predicted.values * scale - replica.measured.values).T
         slopes = (self.space.slope(values) * scale[:, None])[:, :, None]

@@ -44,7 +44,7 @@ def generate_starts(problem: Problem, rng: np.random.Generator) -> Iterator[tupl
     if first is not None:
         for step in _NEIGHBOURS:
             values = np.where(problem.space.logarithmic, first[0] * np.exp(step), first[0])
-            yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), first[1])
+            yield "balance", _start_at(problem, np.clip(values, problem.space.low, problem.space.high), *first[1:])
     earlier = [] if first is None else [problem.space.to_coordinates(first[0])]
     for k in itertools.count():
         yield from (("kick", None), ("kick", None))
@@ -60,9 +60,14 @@ def generate_starts(problem: Problem, rng: np.random.Generator) -> Iterator[tupl
             yield f"draw {k}", _draw(problem, rng)
 
 
-def _start_at(problem: Problem, values: np.ndarray, lag: float) -> np.ndarray:
-    """Build a start from values of the parameters and a lag, shape (U,)."""
+def _start_at(problem: Problem, values: np.ndarray, lag: float, starts: list[np.ndarray]) -> np.ndarray:
+    """Build a start from values of the parameters, a lag, and the displacements at the starts of recordings, (U,)."""
     unknowns = problem.unknowns(values)
+    fitted = [i for i, rows in enumerate(problem.rows) if rows.any()] if problem.starts else []
+    for i, x in zip(fitted, starts, strict=False):
+        stretch = problem.replicas[i].stretch(values, x)
+        if stretch is not None:
+            unknowns[problem.places(i)[-problem.starts :]] = stretch
     if "lag" in problem.names:
         unknowns[[problem.places(i)[problem.names.index("lag")] for i in range(len(problem.replicas))]] = lag
     return unknowns
@@ -99,7 +104,7 @@ def reach_held(problem: Problem, unknowns: np.ndarray, jacobian: np.ndarray) -> 
     values = space.to_values(unknowns[:count])
     found = []
     for (p, at_least), (_, _, limit) in find_reached(
-        problem, values, set(np.flatnonzero(~jacobian[:, :count].any(axis=0)))
+        problem, unknowns, set(np.flatnonzero(~jacobian[:, :count].any(axis=0)))
     ).items():
         inside = limit.value - _INSIDE * abs(limit.value) * (1.0 if at_least else -1.0)
         changed, moved = values.copy(), unknowns.copy()
@@ -110,19 +115,21 @@ def reach_held(problem: Problem, unknowns: np.ndarray, jacobian: np.ndarray) -> 
 
 
 def find_reached(
-    problem: Problem, values: np.ndarray, unseen: set[int]
+    problem: Problem, unknowns: np.ndarray, unseen: set[int]
 ) -> dict[tuple[int, bool], tuple[Replica, Slack, Reached]]:
     """Find where parameters without effect on the motion would begin to have one.
 
     Args:
+        unknowns: of the fit, shape (U,).
         unseen: the parameters.
 
     Returns:
         By parameter and whether it is a lower limit, the nearest limit of all recordings, with its recording.
     """
     found: dict[tuple[int, bool], tuple[Replica, Slack, Reached]] = {}
-    for replica in problem.replicas if unseen else ():
-        slack = replica.slack(values)
+    values = problem.space.to_values(unknowns[: problem.space.origin.size])
+    for i, replica in enumerate(problem.replicas if unseen else ()):
+        slack = replica.slack(values, problem.start(unknowns, i))
         if slack is None:
             continue
         for (p, at_least), limit in find_limits(values, slack.distance, slack.derivative).items():

@@ -310,9 +310,10 @@ def collect_posterior(parameters: Sequence[Mapping[str, Any]], covariance: np.nd
     Returns:
         The posterior.
     """
-    known = np.array([parameter["verdict"] in ("identified", "ratio") for parameter in parameters], np.bool_)
+    known = np.array([parameter["verdict"] in ("identified", "ratio", "sum") for parameter in parameters], np.bool_)
     gain = np.array([parameter["name"] == GAIN for parameter in parameters], np.bool_)  # which may be known exactly
-    determined = np.flatnonzero(known & (np.diag(covariance) > 0.0) | gain).tolist()
+    chosen = np.array([parameter["verdict"] == "sum" for parameter in parameters], np.bool_)  # some have no variance
+    determined = np.flatnonzero(known & (np.diag(covariance) > 0.0) | chosen | gain).tolist()
     own = covariance[np.ix_(determined, determined)]
     size = np.where(np.diag(own) > 0.0, np.sqrt(np.diag(own)), 1.0)
     values, vectors = np.linalg.eigh(0.5 * (own + own.T) / np.outer(size, size))  # its rounding may be negative

@@ -6,5 +6,6 @@ Args:
     problem: the `Problem`.
     fit: its end, a `Fit`.
     covariance: of the unknowns, shape (U, U).
+    structure: from `find_structure`.
     freedom: degrees of freedom of the noise [1].
 """

@@ -38,10 +38,9 @@ def find_bounds(
         happen, for example "contact 2 did not slide at 3.2 s of run.csv", on the clock of the commands.
     """
     space = problem.space
-    values = space.to_values(fit.unknowns[: space.origin.size])
     raised = _raise_others(problem, fit, unseen, weak)
     found: dict[int, dict[bool, tuple[float, str]]] = {}
-    for (p, at_least), (replica, slack, limit) in find_reached(problem, values, unseen).items():
+    for (p, at_least), (replica, slack, limit) in find_reached(problem, fit.unknowns, unseen).items():
         if space.low[p] < limit.value < space.high[p] or not at_least:
             value = _confirm(problem, fit, raised, p, limit.value, at_least)
             if value is not None:

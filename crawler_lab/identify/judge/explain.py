@@ -148,7 +148,8 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
     """Compute the derivatives of the whitened residuals with respect to changes, some at a time, each (R, E)."""
     count = problem.space.origin.size
     values = problem.space.to_values(unknowns[:count])
-    lists = [_list_changes(problem, replica, values) for replica in problem.replicas]
+    starts = [problem.start(unknowns, i) for i in range(len(problem.replicas))]
+    lists = [_list_changes(problem, *pair, values) for pair in zip(problem.replicas, starts, strict=True)]
     names = [change.name for change in lists[0]]
     lags = "lag" not in problem.names
     for first in range(0, len(names), _AT_ONCE):
@@ -156,11 +157,12 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
         parts = []
         for i, replica in enumerate(problem.replicas):
             sensor = problem.sensed(unknowns, i)
-            predicted = replica.predict(values, sensor["lag"], sensor["gain"], False, lists[i][some])
+            start, own = problem.start(unknowns, i), lists[i][some]
+            predicted = replica.predict(values, sensor["lag"], sensor["gain"], False, own, start)
             if predicted is None:
                 return
             scale = (1.0 + sensor["scale"] * replica.measured.on_ground)[:, None, None]
-            parts.append(problem.project(i, predicted.jacobian[:, count:] * scale)[0].T)
+            parts.append(problem.project(i, predicted.jacobian[:, count : count + len(own)] * scale)[0].T)
             if first == 0 and lags:
                 late = problem.project(i, -1e-3 * predicted.velocity.T[:, None])[0].T
                 parts[-1] = np.hstack((parts[-1], late))
@@ -172,13 +174,13 @@ def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[lis
         yield names[some] + more, np.concatenate([*parts, zeros])
 
 
-def _list_changes(problem: Problem, replica: Replica, values: np.ndarray) -> list[Change]:
+def _list_changes(problem: Problem, replica: Replica, start: np.ndarray | None, values: np.ndarray) -> list[Change]:
     """List the changes of the model that are tested, the same ones for all recordings.
 
     Without recorded commands the drive has the waypoints of one period, and what depends on time or place has
     no effect.
     """
-    found = replica.motion_at(values)
+    found = replica.motion_at(values, start)
     if found is None:
         return []
     scene, x = found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..fit.fit import Fit, compute_step
@@ -37,7 +39,8 @@ def find_intervals(
         return low, high
     quantile = find_quantile(freedom)
     part = fit.mean_jacobian[:, unknown]
-    size = np.maximum(np.linalg.norm(part, axis=0), 1e-300)
+    size = np.linalg.norm(part, axis=0)
+    size[size == 0.0] = 1.0
     plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2
     for k, p in ((k, p) for k, p in enumerate(free) if p not in weak):
         width = quantile * float(np.sqrt(covariance[p, p]))
@@ -50,23 +53,48 @@ def find_intervals(
     return low, high
 
 
+def find_interval_of_sum(
+    problem: Problem, fit: Fit, fixed: set[int], covariance: np.ndarray, freedom: float, gradient: np.ndarray
+) -> tuple[float, float]:
+    """Compute the ends of the 95 % interval of a combination of parameters.
+
+    Args:
+        fixed: parameters that keep their values.
+        gradient: of the combination with respect to the coordinates, shape (P,).
+
+    Returns:
+        Lower and upper half width; inf where nothing shows an end.
+    """
+    direction = covariance[:, : gradient.size] @ gradient
+    variance = float(gradient @ direction[: gradient.size])
+    quantile = find_quantile(freedom)
+    width = quantile * float(np.sqrt(max(variance, 0.0)))
+    if width == 0.0 or problem.is_large:
+        return width, width
+    held = np.isin(np.arange(problem.count), list(fixed))
+    members = np.flatnonzero(gradient)
+    along, expected = direction / variance, quantile**2 * max(1.0, fit.cost / freedom)
+    low, high = (_find_end(problem, fit, held, members, side * along, width, expected) for side in (-1.0, 1.0))
+    return low, high
+
+
 def _find_end(
-    problem: Problem, fit: Fit, held: np.ndarray, p: int, direction: np.ndarray, width: float, expected: float
+    problem: Problem, fit: Fit, held: np.ndarray, p: Any, direction: np.ndarray, width: float, expected: float
 ) -> float:
-    """Find how far a parameter can move until the residuals grow as expected, all others moving along; else inf."""
+    """Find how far parameters can move until the residuals grow as expected, all others moving along; else inf."""
     low, high = problem.bounds
     for k in range(_MOST):
         moved = np.clip(fit.unknowns + width * direction, low, high)
         if _relax(problem, moved, held, p) - fit.cost >= (_ENOUGH if k == 0 else 1.0) * expected:
             return width
-        if moved[p] in (low[p], high[p]):
+        if np.any((moved[p] == low[p]) | (moved[p] == high[p])):
             break
         width *= _WIDER
     return np.inf
 
 
-def _relax(problem: Problem, moved: np.ndarray, held: np.ndarray, p: int) -> float:
-    """Compute the sum of squares after one step of the unknowns other than a given one."""
+def _relax(problem: Problem, moved: np.ndarray, held: np.ndarray, p: Any) -> float:
+    """Compute the sum of squares after one step of the unknowns other than given ones."""
     now = problem.compute(moved)
     if now is None:
         return np.inf

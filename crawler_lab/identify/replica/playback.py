@@ -17,8 +17,11 @@ _STRAIGHT = 1e-12
 """A row this near to the line between its neighbours, relative to the range of its column, is left out."""
 
 
-def replay_scene(scene: Scene, measured: Measurements) -> Scene:
+def replay_scene(scene: Scene, measured: Measurements, start: np.ndarray | None = None) -> Scene:
     """Build the scene whose drive is replaced by the first recorded command.
+
+    Args:
+        start: displacement at the start, shape (N,) [m]; None for the scene's.
 
     Returns:
         The scene itself if no commands were recorded.
@@ -26,10 +29,11 @@ def replay_scene(scene: Scene, measured: Measurements) -> Scene:
     Raises:
         SceneError: if its start is not admissible under this command.
     """
+    begun = {} if start is None else {"start": {"displacement": start.tolist()}}
     if not measured.command_names:
-        return scene
+        return Scene.model_validate(scene.document() | begun) if begun else scene
     place = {name: c for c, name in enumerate(measured.command_names)}
-    document = scene.document()
+    document = scene.document() | begun
     if scene.columns.loads and "loads" not in document:  # only its drive commands them
         document["loads"] = 0.0 if scene.dimension == 1 else [0.0, 0.0]
     parts = len(document["body"].get("segments", ()))
@@ -81,23 +85,31 @@ def measure_speeds(scene: Scene) -> dict[str, float]:
     return dict(zip(columns.names[: columns.lengths], change.max(axis=0, initial=0.0).tolist(), strict=True))
 
 
-def playback(scene: Scene, measured: Measurements, gain: float = 0.0) -> Scene:
+def playback(scene: Scene, measured: Measurements, gain: float = 0.0, start: np.ndarray | None = None) -> Scene:
     """Build the scene whose drive is the recorded commands.
 
     Args:
         scene: the scene, with the values found.
         measured: a recording of it, checked.
         gain: error of the gain of the actuators, which multiply all lengths by 1 + gain [1].
+        start: displacement at the start that was found, shape (N,) [m]; None for the scene's. Springs are relaxed
+            instead if numbers that were not determined do not allow it.
 
     Returns:
         The scene; where no commands were recorded, its own drive was played.
     """
+    try:
+        base = replay_scene(scene, measured, start)
+    except SceneError:
+        if start is None:
+            raise
+        base = replay_scene(Scene.model_validate(scene.document() | {"start": "relaxed"}), measured)
     if not measured.command_names:
+        scene = base
         if gain == 0.0 or scene.parts.drive is None:
             return scene
         document = scene.document()
         return Scene.model_validate(document | {"drive": scale_drive(document["drive"], 1.0 + gain)})
-    base = replay_scene(scene, measured)
     columns, names = base.columns, base.columns.names
     rows = np.tile(base.drive.rows[0], (measured.command_time.size, 1))
     rows[:, [names.index(name) for name in measured.command_names]] = measured.commands

@@ -30,6 +30,7 @@ from .changes import Change, apply_changes
 from .follow import begin_path, follow_times
 from .knots import describe, find_distances
 from .playback import replay_scene
+from .start import find_moves, walk_in
 
 _MOST_NUMBERS = 200_000_000
 _AFFINE = 1e-12
@@ -80,15 +81,25 @@ class Replica:
         weight: time that an evaluation takes, relative to that where all arrays of the scene are affine in the
             parameters and derivatives exact [1]; infinity where it takes long at any size.
         limits: the parameters that move a limit, a stop or another knot of a spring.
+        starts: number of unknown numbers of the start, see `start`; 0 if it is known.
     """
 
     derivative_error = 0.0
+    starts = 0
 
-    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        measured: Measurements,
+        keys: Sequence[str],
+        caller: str = "identify",
+        unknown_start: bool = False,
+    ) -> None:
         """Prepare the model.
 
         Args:
             caller: name of the function, for error messages.
+            unknown_start: whether the start of the scene, which is relaxed, is only a guess.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
@@ -109,6 +120,8 @@ class Replica:
             with contextlib.suppress(SceneError):
                 self._is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
         self.weight = 1.0 if self._is_affine else np.inf
+        self._moves = find_moves(self._base) if unknown_start else None
+        self.starts = 0 if self._moves is None else self._base.body.springs
 
     def _prepare(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str) -> None:
         """Check the keys against the scene that plays the recording."""
@@ -140,13 +153,14 @@ class Replica:
         other.measured = measured
         return other
 
-    def motion_at(self, values: np.ndarray) -> tuple[Scene, np.ndarray] | None:
+    def motion_at(self, values: np.ndarray, start: np.ndarray | None = None) -> tuple[Scene, np.ndarray] | None:
         """Build the scene at some values, and its motion at the rows of the recording.
 
         Returns:
-            The scene with the recorded drive, and the displacement, shape (T, N) [m]; None if there is no motion.
+            The scene with the recorded drive and its start, and the displacement, shape (T, N) [m]; None if there is no
+            motion.
         """
-        plan = self._plan(values)
+        plan = self._begin(self._plan(values), start)
         if plan is None:
             return None
         found = follow_times(*plan, self.measured.time, self._is_recorded)
@@ -167,6 +181,7 @@ class Replica:
         gain: float = 0.0,
         with_gain: bool = False,
         changes: Sequence[Change] = (),
+        start: np.ndarray | None = None,
     ) -> Prediction | None:
         """Follow the recorded commands.
 
@@ -174,14 +189,14 @@ class Replica:
             changes: changes of the model whose first-order effects are computed, too.
 
         Returns:
-            The prediction, with a column for each parameter, the gain, and each change. None if the values are not
-            valid or the motion has too many events.
+            The prediction, with a column for each parameter, the gain, each change, and each number of the start. None
+            if the values are not valid or the motion has too many events.
         """
         plan = self._plan(values)
         if plan is None:
             return None
-        scene, derivatives = apply_changes(*plan, gain, with_gain, changes)
-        found = follow_times(scene, derivatives, self.measured.time - lag, self._is_recorded)
+        begun = self._begin(apply_changes(*plan, gain, with_gain, changes), start)
+        found = None if begun is None else follow_times(*begun, self.measured.time - lag, self._is_recorded)
         if found is None:
             return None
         x, dx, velocity = found
@@ -202,13 +217,49 @@ class Replica:
         plan = self._plan(values, with_derivatives=False)
         return None if plan is None else _find_balance(plan[0], time, x)
 
-    def slack(self, values: np.ndarray) -> Slack | None:
+    def relaxed(self, values: np.ndarray) -> np.ndarray | None:
+        """Compute the displacement at the start of the scene.
+
+        Returns:
+            Shape (N,) [m]; None if the values are not valid.
+        """
+        plan = self._plan(values, with_derivatives=False)
+        return None if plan is None else plan[0].start_displacement
+
+    def force_at_start(self, values: np.ndarray, start: np.ndarray) -> np.ndarray | None:
+        """Compute the force of the springs on each contact at the start.
+
+        Returns:
+            Shape (N,) [N]; None if the values are not valid.
+        """
+        plan = self._begin(self._plan(values), start)
+        if plan is None:
+            return None
+        return _find_balance(plan[0], np.zeros(1), plan[0].start_displacement[None])[0][0]
+
+    def stretch(self, values: np.ndarray, x: np.ndarray) -> np.ndarray | None:
+        """Compute the numbers of the start that belong to a displacement at the first command.
+
+        Args:
+            x: shape (N,) [m].
+
+        Returns:
+            Shape (S,) [m]; None if the values are not valid.
+        """
+        plan = self._plan(values, with_derivatives=False)
+        if plan is None:
+            return None
+        body = plan[0].body
+        relaxed = body.elongation(plan[0].start_displacement)
+        return np.asarray(body.elongation(x) - relaxed)
+
+    def slack(self, values: np.ndarray, start: np.ndarray | None = None) -> Slack | None:
         """Compute how far each force stayed from its bounds, and each bent spring from its knots.
 
         Returns:
             The distances at all rows of the recording and its commands; None if the values are not valid.
         """
-        plan = self._plan(values)
+        plan = self._begin(self._plan(values), start)
         if plan is None:
             return None
         scene, derivatives = plan
@@ -227,7 +278,7 @@ class Replica:
         return Slack(
             time,
             np.hstack((forward - force, backward + force, ways)),
-            np.hstack((derivatives.targets[before, springs : springs + 2 * n], d_ways)),
+            np.hstack((derivatives.targets[before, springs : springs + 2 * n], d_ways))[..., : len(self._keys)],
             (*(f"{name} did not slide" for name in names), *describe(body)),
         )
 
@@ -239,6 +290,14 @@ class Replica:
         """
         plan = self._plan(values)
         return None if plan is None else find_distances(*plan, time, x)
+
+    def _begin(
+        self, plan: tuple[Scene, Derivatives] | None, start: np.ndarray | None
+    ) -> tuple[Scene, Derivatives] | None:
+        """Let a plan begin with the numbers of an unknown start; None stays None, and so does a start that is known."""
+        if plan is None or start is None or self._moves is None:
+            return plan
+        return walk_in(*plan, start, self._moves)
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives there or elsewhere; None if they are not valid."""

@@ -39,11 +39,19 @@ class SampledReplica(Replica):
 
     derivative_error = 1e-3
 
-    def __init__(self, scene: Scene, measured: Measurements, keys: Sequence[str], caller: str = "identify") -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        measured: Measurements,
+        keys: Sequence[str],
+        caller: str = "identify",
+        unknown_start: bool = False,
+    ) -> None:
         """Prepare the model.
 
         Args:
             caller: name of the function, for error messages.
+            unknown_start: has no effect; the start is the scene's.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
@@ -69,6 +77,7 @@ class SampledReplica(Replica):
         gain: float = 0.0,
         with_gain: bool = False,
         changes: Sequence[Change] = (),
+        start: np.ndarray | None = None,
     ) -> Prediction | None:
         """Follow the recorded commands.
 

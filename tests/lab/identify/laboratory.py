@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from crawler_lab import Measurements, identify
+from crawler_lab.identify.identification import Identification
 from crawler_model import Scene, simulate
 
 _RATE, _PERIOD, _CYCLES, _WAYPOINTS = 50.0, 2.0, 8, 8
@@ -84,6 +86,7 @@ def build_robot(seed: int) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
     contacts = 3 + seed % 3
     document = {
         "name": f"robot_{seed}",
+        "start": "relaxed",
         "body": {
             "contacts": [_SPACING * i for i in range(contacts)],
             "links": {"stiffness": rng.uniform(0.7 * _STIFFNESS, 1.3 * _STIFFNESS, contacts - 1).tolist()},
@@ -115,6 +118,55 @@ def measure_robot(seed: int, kind: str) -> tuple[dict[str, Any], Measurements]:
     commanded = tuple(f"link_{j}" for j in range(rows.shape[1]))
     shown = run.time + (_LAG if "lag" in kind else 0.0)
     return document, Measurements(f"{kind} {seed}", shown, names, values, commanded, rows, times)
+
+
+def cut_robot(seed: int) -> tuple[dict[str, Any], Measurements]:
+    """Measure a robot that walked before its record began, with white noise and unknown offsets.
+
+    Args:
+        seed: of the robot and of its noise.
+
+    Returns:
+        The true scene's document without a start, and the measurements.
+    """
+    document, measured = measure_robot(seed, "white")
+    first = int(np.searchsorted(measured.command_time, _PERIOD)) + 1 + seed % _WAYPOINTS
+    begin = measured.command_time[first]
+    kept = measured.time >= begin - 1e-9
+    cut = dataclasses.replace(
+        measured,
+        time=measured.time[kept] - begin,
+        values=measured.values[kept],
+        commands=measured.commands[first:],
+        command_time=measured.command_time[first:] - begin,
+    )
+    del document["start"]
+    return document, cut
+
+
+def count_inside(document: dict[str, Any], found: Identification) -> tuple[int, int]:
+    """Count the intervals of frictions, and of their sums once, and how many of them contain the truth.
+
+    Args:
+        document: the true scene's document.
+        found: the identification.
+
+    Returns:
+        How many contain it, and how many there are; a lower bound counts as an interval.
+    """
+    seen: dict[frozenset[str], bool] = {}
+    for p in found.parameters:
+        low, high = p.interval
+        names = frozenset((p.name, *p.partners))
+        if low is not None:
+            true = sum(_friction(document, name) for name in names)
+            seen[names] = low <= true * (1.0 + 1e-9) and (high is None or true <= high)
+    return sum(seen.values()), len(seen)
+
+
+def _friction(document: dict[str, Any], name: str) -> float:
+    side, index = name.removeprefix("friction.").removesuffix("]").split("[")
+    return float(document["friction"][side][int(index)])
 
 
 def guess_robot(document: dict[str, Any], seed: int) -> Scene:
@@ -156,8 +208,7 @@ def identify_robot(seed: int, kind: str, seconds: float = 10.0) -> dict[str, Any
         low, high = p.interval
         if p.verdict != "identified" or low is None or high is None:
             continue
-        side, index = p.name.removeprefix("friction.").removesuffix("]").split("[")
-        true = document["friction"][side][int(index)]
+        true = _friction(document, p.name)
         inside += low <= true <= high
         widths.append(0.5 * (high - low) / true)
     return {

@@ -14,9 +14,10 @@ RATE = 50.0
 
 
 def chain(contacts: int = 3, **changes: Any) -> dict[str, Any]:
-    """A chain whose friction differs by contact and side and is far from balanced; no loads, no weights."""
+    """A chain whose friction differs by contact and side and is far from balanced, relaxed at the start; no loads."""
     document = {
         "name": "measured",
+        "start": "relaxed",
         "body": {
             "contacts": [0.1 * i for i in range(contacts)],
             "links": {"stiffness": [20.0 + 3.0 * j for j in range(contacts - 1)]},

@@ -17,7 +17,7 @@ from crawler_lab.identify.fit.fit import Fit, fit_from
 from crawler_lab.identify.fit.misfit import measure_misfit
 from crawler_lab.identify.fit.problem import Problem
 from crawler_lab.identify.fit.space import build_space
-from crawler_lab.identify.judge.verdicts import find_structure
+from crawler_lab.identify.judge.structure import find_structure
 from crawler_lab.identify.replica.replica import Replica
 from crawler_lab.identify.sensor.sensor import PERFECT
 from crawler_model import CrawlerError, Scene, load_scene, simulate

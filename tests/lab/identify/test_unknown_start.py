@@ -1,0 +1,136 @@
+"""Records that begin in the middle of life: nothing tells the forces of the springs at the start."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from crawler_lab import Measurements, identify, predict
+from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_model import Scene, simulate
+
+from .laboratory import KEYS, count_inside, cut_robot, guess_robot
+from .synthetic import chain, measure, scaled, walk
+
+
+def robot() -> dict:
+    """A chain each contact of which slides both ways."""
+    return chain(3, friction={"forward": [0.2, 0.4, 0.3], "backward": [0.35, 0.25, 0.4]})
+
+
+def cut(document: dict, seconds: float = 14.0, begin: float = 2.0, noise: float = 0.0) -> Measurements:
+    """The record of a chain that walked before, without a start in its document."""
+    times, rows = walk(len(document["body"]["contacts"]) - 1, seconds, 3)
+    whole = measure(document, times, rows, noise=noise)
+    kept, sent = whole.time >= begin - 1e-9, whole.command_time >= begin - 1e-9
+    document.pop("start", None)
+    return Measurements(
+        "cut",
+        whole.time[kept] - begin,
+        whole.channels,
+        whole.values[kept],
+        whole.command_names,
+        whole.commands[sent],
+        whole.command_time[sent] - begin,
+    )
+
+
+def found_sums(measured: Measurements, document: dict):
+    """Identify all frictions from a first guess that is wrong."""
+    guess = scaled(document, {"friction.forward": 1.2, "friction.backward": 0.9})
+    return guess, identify(guess, [measured], ["friction.forward", "friction.backward"], hold_out=0.0)
+
+
+def check_robots(seeds: range) -> None:
+    inside = count = sums = 0
+    for seed in seeds:
+        document, measured = cut_robot(seed)
+        found = identify(guess_robot(document, seed), [measured], KEYS, hold_out=0.0)
+        assert found.model_fits
+        assert not any(p.verdict == "identified" for p in found.parameters)
+        right, all_of_them = count_inside(document, found)
+        inside, count = inside + right, count + all_of_them
+        sums += sum(p.verdict == "sum" for p in found.parameters)
+    assert sums >= 4 * len(seeds)
+    assert inside >= 0.85 * count
+
+
+def test_robots_that_walked_before_have_sums_that_contain_the_truth() -> None:
+    check_robots(range(2, 5))
+
+
+@pytest.mark.slow
+def test_twelve_robots_that_walked_before_have_sums_that_contain_the_truth() -> None:
+    check_robots(range(12))
+
+
+def test_sums_are_exact_and_a_line_tells_what_would_add() -> None:
+    document = robot()
+    measured = cut(document)
+    _, found = found_sums(measured, document)
+    for i, forward in enumerate(document["friction"]["forward"]):
+        p = found[f"friction.forward[{i}]"]
+        assert p.verdict == "sum"
+        assert p.partners == (f"friction.backward[{i}]",)
+        assert p.value == pytest.approx(forward + document["friction"]["backward"][i], rel=1e-6)
+    (line,) = found.warnings
+    assert "of 6 frictions only sums are determined" in line
+    assert "a record that begins at rest with slack springs would determine each friction" in line
+    assert "relaxed" not in line
+    played = simulate(found.playback(), float(measured.time[-1]), 50.0)
+    moved = measured.values - measured.values[0]
+    assert np.abs(played.displacement - played.displacement[0] - moved).max() < 1e-6
+
+
+@pytest.mark.parametrize("key", ["friction.forward", "friction.isotropic"])
+def test_known_frictions_tell_the_start(key: str) -> None:
+    document = robot()
+    if key == "friction.isotropic":
+        document["friction"] = {"isotropic": [0.2, 0.3, 0.25]}
+    measured = cut(document)
+    found = identify(scaled(document, {key: 1.2}), [measured], [key], hold_out=0.0)
+    true = document["friction"][key.split(".")[1]]
+    for p, value in zip(found.parameters, true, strict=True):
+        assert p.verdict == "identified"
+        assert p.value == pytest.approx(value, rel=1e-6)
+    assert not found.warnings
+
+
+def test_positions_in_the_frame_of_the_scene_tell_the_start() -> None:
+    document = robot()
+    measured = cut(document, noise=1e-5)
+    keys = ["friction.forward", "friction.backward"]
+    found = identify(scaled(document, {keys[0]: 1.2}), [measured], keys, offset="frame", sensor=PERFECT, hold_out=0.0)
+    assert {p.verdict for p in found.parameters} == {"identified"}
+    for p, value in zip(found.parameters, [v for side in document["friction"].values() for v in side], strict=True):
+        low, high = p.interval
+        assert abs(p.value - value) < high - low < 1e-3 * value
+
+
+def test_a_start_that_is_told_is_known() -> None:
+    document = robot()
+    times, rows = walk(2, 12.0, 3)
+    measured = measure(document, times, rows)
+    keys = ["friction.forward", "friction.backward"]
+    found = identify(scaled(document, {keys[0]: 1.2}), [measured], keys, hold_out=0.0)
+    assert {p.verdict for p in found.parameters} == {"identified"}
+    assert found.starts == (None,)
+
+
+def test_a_prediction_from_sums_is_that_of_the_robot() -> None:
+    document = robot()
+    measured = cut(document)
+    guess, found = found_sums(measured, document)
+    drive = {"times": [0.0, 0.5, 1.0, 1.5], "period": 2.0}
+    drive["actuation"] = [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]]
+    forecast = predict(guess, json.loads(json.dumps(found.summary())), drive)
+    run = simulate(Scene.model_validate(document | {"drive": drive, "start": "relaxed"}), 20.0)
+    assert forecast.gain.value == pytest.approx(float(np.diff(per_period(run, 2.0))[-1]), rel=1e-6)
+
+
+def per_period(run, period: float) -> np.ndarray:
+    """Mean displacement at the end of each period."""
+    ends = np.searchsorted(run.time, np.arange(1.0, run.time[-1] / period + 0.5) * period - 1e-9)
+    return run.displacement[ends].mean(axis=1)
