@@ -18,10 +18,9 @@ from pyarrow import parquet
 import crawler_model
 from crawler_model import CrawlerError, Scene
 from crawler_model.body.drive import NS
-from crawler_model.run.transport import cost_of_transport, length_of, supporting_force
 from crawler_ros.recording.bag import find_files
 from crawler_ros.replay import Replay, analyse
-from crawler_ros.replay.cycle_table import Cycle, EnergyBalance, account_of
+from crawler_ros.replay.cycle_table import EnergyBalance, account_of
 from crawler_ros.replay.show.tables import cycles_table, slips_table
 
 from ..units import unit_of
@@ -30,7 +29,7 @@ TABLES = ("cycles", "slips", "account", "runs")
 """The tables of a data set; a recording is finished as soon as it has its row of `runs`, which is written last."""
 IDENTITY = b"crawler_recording"
 """Key in the metadata of a row of `runs`: which file it describes, and what the analysis depended on."""
-_LAYOUT = 2
+_LAYOUT = 3
 _MOST_NUMBERS = 16
 """Longer lists of a scene have no columns."""
 _RUNS = {
@@ -53,6 +52,7 @@ _RUNS = {
     "cycle_source": (pa.string(), "1"),
     "speed": (pa.float64(), "m/s"),
     "cost_of_transport": (pa.float64(), "1"),
+    **dict.fromkeys(("slack", "stalled"), (pa.float64(), "s")),
     **dict.fromkeys(("slips", "jumps"), (pa.int64(), "1")),
     "least_margin": (pa.float64(), "N"),
     "least_margin_at": (pa.float64(), "s"),
@@ -326,8 +326,9 @@ def _describe_motion(replay: Replay) -> dict[str, Any]:
         "cycles": len(replay.cycles),
         "transient_cycles": sum(cycle.transient for cycle in replay.cycles),
         "cycle_source": replay.cycle_source,
-        "speed": None if last is None else _gain_of(last) / (last.end - last.start),
-        "cost_of_transport": None if last is None else _cost_of(replay, last),
+        "speed": None if last is None else last.speed,
+        "cost_of_transport": None if last is None else last.cost_of_transport,
+        **{name: _seconds(replay, name) for name in ("slack", "stalled")},
         "slips": int(replay.slips.contact.size),
         "jumps": len(replay.table.jumps),
         "least_margin": None if margins is None else margins.least,
@@ -341,16 +342,6 @@ def _describe_motion(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _gain_of(cycle: Cycle) -> float:
-    """The net translation of a cycle; in the plane its size."""
-    gain = cycle.translation
-    return float(np.linalg.norm(gain)) if isinstance(gain, tuple) else gain
-
-
-def _cost_of(replay: Replay, cycle: Cycle) -> float | None:
-    """The cost of transport of a cycle, as `crawler sweep` computes it."""
-    if replay.scene is None or cycle.energy is None:
-        return None
-    size = max(length_of(replay.scene.body), float(np.abs(replay.table.net_translation).max()))
-    work, distance = np.array([cycle.energy.work]), np.array([abs(_gain_of(cycle))])
-    return float(cost_of_transport(supporting_force(replay.scene), work, distance, np.array([size]))[0])
+def _seconds(replay: Replay, state: str) -> float | None:
+    """How long links were slack, or stalled, all of them together [s]."""
+    return None if replay.at_limits is None else sum(found.get(state, 0.0) for found in replay.at_limits.values())

@@ -10,9 +10,13 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.body.drive import NS
 from crawler_model.body.turning import TURNING_TOLERANCE
+from crawler_model.run.transport import cost_of_transport, length_of, supporting_force
 
 from .cycles import ROUNDING, find_cycles, signature_weights
 from .ramps import RampTable
+
+STEADY = 1e-3
+"""Largest deviation of a steady cycle: of its shape in largest elongations, of its translation in the last cycle's."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +56,11 @@ class Cycle:
         slip_backward: the same backward [m].
         energy: its energy account; None when the scene is not known.
         least_margin: least distance of a spring force from its bound [N]; None when the scene is not known.
-        transient: whether its shape or translation still differs from the steady cycle.
+        transient: whether its shape or translation still differs from the steady cycle by more than a thousandth.
         turned: angle by which the body turned [rad], whose translation is in its own frame at the start: along its
             heading and to the left; None for a body that does not turn.
+        cost_of_transport: work / (distance * force) as `ManyRuns.cost_of_transport` defines it [1]; None where it does
+            not move, or when the scene is not known.
     """
 
     run: int
@@ -67,6 +73,13 @@ class Cycle:
     least_margin: float | None
     transient: bool
     turned: float | None = None
+    cost_of_transport: float | None = None
+
+    @property
+    def speed(self) -> float:
+        """Mean velocity [m/s]; in the plane its size."""
+        gained = self.translation
+        return (float(np.linalg.norm(gained)) if isinstance(gained, tuple) else gained) / (self.end - self.start)
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to plain values for JSON.
@@ -149,25 +162,38 @@ def _tabulate(table: RampTable, run: int, rows: np.ndarray, scene: Scene | None)
         gained = np.column_stack((cos * gained[:, 0] + sin * gained[:, 1], cos * gained[:, 1] - sin * gained[:, 0]))
     # rounding is judged against the largest elongation, and against the largest translation of a cycle
     near = equal * max(table.shape_size, float(np.abs(gained).max(initial=0.0)))
-    closes = np.abs(shape[rows[1:]] - shape[rows[:-1]]).max(axis=1) <= near
-    steady = closes & (np.abs(gained - gained[-1]).max(axis=1) <= near)
+    closes = np.abs(shape[rows[1:]] - shape[rows[:-1]]).max(axis=1) <= max(near, STEADY * table.shape_size)
+    last = max(near, STEADY * float(np.linalg.norm(gained[-1])))
+    steady = closes & (np.abs(gained - gained[-1]).max(axis=1) <= last)
+    bounds = list(zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True))
     known = bool(np.isfinite(table.work[rows[0] + 1 : rows[-1] + 1]).all())
+    energies = [account_of(table, first, last) for first, last in bounds] if known else []
+    costs = _costs_of(table, scene, energies, gained) if known and scene is not None else [None] * len(bounds)
     made = []
-    for k, (first, last) in enumerate(zip(rows[:-1].tolist(), rows[1:].tolist(), strict=True)):
+    for k, (first, last) in enumerate(bounds):
         inside = slice(first + 1, last + 1)
         translation = gained[k].tolist()
         made.append(
             Cycle(
-                run,
-                float(table.end_ns[first]) / NS,
-                float(table.end_ns[last]) / NS,
-                translation[0] if len(translation) == 1 else tuple(translation),
-                float(table.forward[inside].sum()),
-                float(table.backward[inside].sum()),
-                account_of(table, first, last) if known else None,
-                float(table.margin[inside].min()) if known else None,
-                not bool(steady[k]),
-                None if turned is None else float(turned[k]),
+                run=run,
+                start=float(table.end_ns[first]) / NS,
+                end=float(table.end_ns[last]) / NS,
+                translation=translation[0] if len(translation) == 1 else tuple(translation),
+                slip_forward=float(table.forward[inside].sum()),
+                slip_backward=float(table.backward[inside].sum()),
+                energy=energies[k] if known else None,
+                least_margin=float(table.margin[inside].min()) if known else None,
+                transient=not bool(steady[k]),
+                turned=None if turned is None else float(turned[k]),
+                cost_of_transport=costs[k],
             )
         )
     return made
+
+
+def _costs_of(table: RampTable, scene: Scene, energies: list[EnergyBalance], gained: np.ndarray) -> list[float | None]:
+    """Compute the costs of transport of cycles, as `crawler sweep` does."""
+    size = max(length_of(scene.body), float(np.abs(table.net_translation).max()))
+    work, distance = np.array([energy.work for energy in energies]), np.linalg.norm(gained, axis=1)
+    costs = cost_of_transport(supporting_force(scene), work, distance, np.full(work.size, size))
+    return [cost if np.isfinite(cost) else None for cost in costs.tolist()]

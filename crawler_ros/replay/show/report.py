@@ -90,7 +90,7 @@ def _print_cycles(replay: Replay, screen: Console) -> None:
         table.add_row(*_cycle(cycles[i], known, replay.table.shape_size)[: len(columns)])
     screen.print(table)
     if transient:
-        screen.print("transient: a cycle whose shape or translation still differs from the steady one")
+        screen.print("transient: a cycle whose shape or translation differs from the steady one by over a thousandth")
 
 
 def _cycle(cycle: Cycle, known: bool, size: float) -> list[str]:

@@ -100,6 +100,7 @@ def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
             ("residual", real, "1"),
             ("least_margin", real, "N"),
             ("transient", pa.bool_(), "1"),
+            ("cost_of_transport", real, "1"),
             *[("turned", real, "rad")] * turns,
         ],
         **_FOUND,

@@ -142,6 +142,17 @@ def test_rows_are_those_of_a_single_replay(name, run, bags, made, tmp_path):
     assert row["speed"] == pytest.approx(gained[0] if planar else gained)  # the period is 1 s
     expected = {"b": 3.5 / (1.5 * 2.0), "run_2026": 0.0}[run]
     assert planar or row["cost_of_transport"] == pytest.approx(expected)
+    assert row["cost_of_transport"] == found["cycles"][-1]["cost_of_transport"]
+    assert (row["slack"], row["stalled"]) == (0.0, 0.0)
+
+
+def test_a_run_has_the_time_at_the_limits_of_its_links(tmp_path):
+    for name in ("tendon_worm", "stalling_inchworm"):
+        found = json.loads(crawler("replay", record(tmp_path / "bags" / name, name, 2), "--json").stdout)["at_limits"]
+        crawler("replay", tmp_path / "bags", "--parquet", tmp_path / name, "--workers", "1")
+        (row,) = read(tmp_path / name, "runs").filter(run=name).to_dicts()
+        assert found["link_0"].items() <= row.items()
+        assert row["slack"] + row["stalled"] > 0.0
 
 
 def test_a_recording_that_is_not_identical_has_its_reason(made):
