@@ -119,7 +119,7 @@ class Identification:
             "scene": self.scene.name,
             "parameters": [p.as_plain() for p in self.parameters],
             "sensors": [asdict(s) | {"interval": list(s.interval), "prior": list(s.prior)} for s in self.sensors],
-            "posterior": self.posterior.as_plain(),
+            "posterior": self.posterior.as_plain(any(p.verdict in ("sum", "doubtful") for p in self.parameters)),
             "residual": self.residual,
             "noise": self.noise,
             "held_out": self.held_out,

@@ -25,10 +25,10 @@ from .judge.bounds import release
 from .judge.explain import explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
-from .judge.sensors import judge_sensors
+from .judge.sensors import doubt_sensor, judge_sensors, warn_of_sensors
 from .judge.structure import Structure, find_covariance, find_structure
-from .judge.verdicts import Parameter, judge
-from .measurements import MeasurementError, Measurements, are_reversed, check_measurements
+from .judge.verdicts import Parameter, doubt, judge
+from .measurements import MeasurementError, Measurements, are_reversed, check_measurements, leave_out_impossible
 from .replica.playback import replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
@@ -105,7 +105,8 @@ def identify(
     if offset not in ("none", "frame", "each"):
         raise CrawlerError(f"identify: offset: {offset!r}; it must be none, frame or each")
     sensor = Sensor() if sensor is None else sensor
-    checked = [check_measurements(scene, m) for m in recordings]
+    cleaned = [leave_out_impossible(scene, check_measurements(scene, m)) for m in recordings]
+    checked, impossible = [m for m, _ in cleaned], [line for _, lines in cleaned for line in lines]
     relaxed = relax_start(scene, keys, checked[0])
     begun = scene if relaxed is None else relaxed
     base = replay_scene(begun, checked[0])
@@ -128,7 +129,7 @@ def identify(
     found = _conclude(scene, problem, fit, structure)
     if progress is not None:
         progress(1.0)
-    return found
+    return dataclasses.replace(found, warnings=(*impossible, *found.warnings))
 
 
 def _find(
@@ -235,11 +236,12 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         weights = np.vstack((weights, weight))
     known = weights @ covariance @ weights.T
     known[count:, count:] += scatter
-    posterior = collect_posterior(plain, known, freedom)
+    posterior = dataclasses.replace(collect_posterior(plain, known, freedom), fits=where is None)
+    shown = parameters if where is None else tuple(doubt(p) for p in parameters)
     return Identification(
         scene=posterior.apply(scene),
-        parameters=tuple(remark(p, explanations) for p in parameters),
-        sensors=sensors,
+        parameters=tuple(remark(p, explanations) for p in shown),
+        sensors=sensors if where is None else tuple(doubt_sensor(one) for one in sensors),
         residual=float(np.sqrt(np.mean(used**2))),
         noise=float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
         held_out=None if score is None else score.residual,
@@ -248,7 +250,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         where=where,
         misfits=misfits,
         explanations=tuple(explanations),
-        warnings=tuple(_warn(scene, problem, fit, parameters, where)),
+        warnings=(*warn_of_sensors(problem, sensors), *_warn(scene, problem, fit, parameters, where)),
         recordings=tuple(r.measured for r in problem.replicas),
         residuals=fit.residuals.all,
         fitted=problem.rows,

@@ -17,6 +17,13 @@ from crawler_model.scene.scene import Scene
 _FEWEST = 8
 _THOUSAND = (300.0, 3000.0)
 """Ratios of lengths that look like a mistake by a factor of a thousand."""
+_IMPOSSIBLE, _MOST_IMPOSSIBLE = 10.0, 0.1
+"""A value farther from the median than this many times the motion or the body is none, unless there are many."""
+_YEAR = 3.15e7
+_UNIX = (1e8, 1e10)
+"""Unix time of today is between these [s]."""
+_CLOCKS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+_MOST_NAMED = 3
 _MILLIMETRES = "look like millimetres: divide them by 1000, or use --units mm if all lengths of a table are millimetres"
 
 
@@ -176,16 +183,22 @@ def check_measurements(scene: Scene, measured: Measurements) -> Measurements:
     check_times(name, "time", arrays["time"])
     _check_values(name, measured.channels, arrays["time"], arrays["values"])
     start = float(arrays["time"][0])
+    _check_clock(name, "time", arrays["time"])
     if measured.command_names:
         check_times(name, "time of the commands", command_time)
+        _check_clock(name, "time of the commands", command_time)
         commands = tuple(f"command/{column}" for column in measured.command_names)
         _check_commands(name, commands, command_time, arrays["commands"])
         start = float(command_time[0])
-        if command_time[-1] <= arrays["time"][0]:
-            raise MeasurementError(
-                f"{name}: the commands end at {command_time[-1]:g} s, before the measurements begin at "
-                f"{arrays['time'][0]:g} s; both must have the same clock"
-            )
+        for first, earlier, second, later in (
+            ("commands", command_time, "measurements", arrays["time"]),
+            ("measurements", arrays["time"], "commands", command_time),
+        ):
+            if earlier[-1] <= later[0]:
+                raise MeasurementError(
+                    f"{name}: the {first} end at {earlier[-1]:.12g} s, before the {second} begin at {later[0]:.12g} s; "
+                    "both must have the same clock"
+                )
     _check_units(scene, measured, arrays)
     seen = np.isfinite(arrays["values"]).any(axis=1)
     return Measurements(
@@ -257,6 +270,47 @@ def check_times(name: str, what: str, time: np.ndarray, rows: np.ndarray | None 
             f"{name}: {what} {time[row + 1]:g} s in row {numbers[row + 1]} does not come after {time[row]:g} s; it "
             "must increase"
         )
+
+
+def _check_clock(name: str, what: str, time: np.ndarray) -> None:
+    """Check that times are of a clock in seconds, and of a record that a person made."""
+    for unit, per_second in _CLOCKS.items():
+        if _UNIX[0] < time[0] / per_second < _UNIX[1] and time[0] > _UNIX[1]:
+            raise MeasurementError(
+                f"{name}: {what} begins at {time[0]:.12g} s, which looks like Unix time in {unit}: use --units {unit}"
+            )
+    if time[-1] - time[0] > _YEAR:
+        raise MeasurementError(
+            f"{name}: {what} lasts {(time[-1] - time[0]) / _YEAR:.3g} years; it must be in seconds, or name its unit "
+            f"with --units {', '.join(_CLOCKS)}"
+        )
+
+
+def leave_out_impossible(scene: Scene, measured: Measurements) -> tuple[Measurements, list[str]]:
+    """Leave out values that stand for no measurement, such as -9999.
+
+    Args:
+        scene: the scene.
+        measured: a recording of it, checked.
+
+    Returns:
+        The recording, with NaN instead of them; and one line for each channel that has any.
+    """
+    length, values, lines = float(np.ptp(scene.body.position)), measured.values.copy(), []
+    for m, channel in enumerate(measured.channels):
+        seen = values[:, m][np.isfinite(values[:, m])]
+        low, middle, high = np.quantile(seen, (0.05, 0.5, 0.95))
+        far = np.abs(values[:, m] - middle) > _IMPOSSIBLE * max(length, high - low)
+        if not 0 < far.sum() <= min(_MOST_IMPOSSIBLE * seen.size, seen.size - _FEWEST):
+            continue
+        at = ", ".join(f"{values[k, m]:.6g} at {measured.time[k]:.6g} s" for k in np.flatnonzero(far)[:_MOST_NAMED])
+        more = ", ..." if far.sum() > _MOST_NAMED else ""
+        lines.append(
+            f"{measured.name}: {channel}: {int(far.sum())} of {seen.size} values are left out, as they are far from "
+            f"all others: {at}{more}"
+        )
+        values[far, m] = np.nan
+    return (dataclasses.replace(measured, values=frozen(values)) if lines else measured), lines
 
 
 def _check_values(name: str, channels: Sequence[str], time: np.ndarray, values: np.ndarray) -> None:

@@ -217,6 +217,92 @@ def test_a_wrong_model_ends_with_status_1_and_says_where(robot, tmp_path, capsys
     assert "the model does not fit: run.csv: contact_" in error
 
 
+def nanoseconds(header, rows):
+    rows[:, 0] = 1.7e18 + 1e9 * rows[:, 0]
+    return header, rows
+
+
+def milliseconds_for_years(header, rows):
+    rows[:, 0] *= 1e9
+    return header, rows
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (nanoseconds, "time begins at 1.7e+18 s, which looks like Unix time in ns: use --units ns"),
+        (
+            milliseconds_for_years,
+            "time lasts 190 years; it must be in seconds, or name its unit with --units ms, us, ns",
+        ),
+    ],
+)
+def test_a_record_of_years_is_no_record(robot, tmp_path, capsys, spoil, message):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", *spoil(header, rows.copy()))
+    status, _, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward")
+    assert (status, error.count("\n")) == (1, 1)
+    assert message in error
+    if spoil is nanoseconds:
+        options = ("--scene", guess, "--fit", "friction.forward", "--units", "ns", "--json")
+        status, text, _ = run(capsys, "identify", csv, *options)
+        assert status == 0
+        assert {p["verdict"] for p in json.loads(text)["parameters"]} == {"identified"}
+
+
+@pytest.mark.parametrize("late", [1.7e9, -100.0])
+def test_tables_of_different_clocks_are_refused_in_one_line(robot, tmp_path, capsys, late):
+    guess, header, rows = robot
+    csv = write_csv(tmp_path / "run.csv", header[:4], rows[:, :4])
+    moved = rows[:, [0, 4, 5]] + [late, 0.0, 0.0]
+    motors = write_csv(tmp_path / "motors.csv", ["time", *header[4:]], moved)
+    options = ("--scene", guess, "--fit", "friction.forward", "--commands", motors)
+    status, _, error = run(capsys, "identify", csv, *options)
+    assert (status, error.count("\n")) == (1, 1)
+    assert "both must have the same clock" in error
+
+
+def test_values_that_are_none_are_named_and_left_out(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    options = ("--scene", guess, "--fit", "friction.forward", "--json")
+    rows[[40, 90], 2] = -9999.0
+    status, text, _ = run(capsys, "identify", write_csv(tmp_path / "run.csv", header, rows), *options)
+    found = json.loads(text)
+    assert status == 0
+    (line,) = found["warnings"]
+    assert "run.csv: contact_1: 2 of 301 values are left out" in line
+    assert "-9999 at 0.8 s, -9999 at 1.8 s" in line
+    for p, true in zip(found["parameters"], (0.2, 0.23, 0.26), strict=True):
+        assert p["interval"][0] < true < p["interval"][1]
+
+
+def test_a_model_that_does_not_fit_identifies_nothing_and_predictions_tell(robot, tmp_path, capsys):
+    guess, header, rows = robot
+    rows[150:, 1:4] += 0.01
+    csv = write_csv(tmp_path / "run.csv", header, rows)
+    options = ("--scene", guess, "--fit", "friction.forward")
+    status, text, _ = run(capsys, "identify", csv, *options, "--json")
+    found = json.loads(text)
+    assert (status, found["model_fits"]) == (1, False)
+    for p in found["parameters"]:
+        assert p["verdict"] == "doubtful"
+        assert p["value"] > 0.0
+        assert p["interval"] == [None, None]
+        assert p["why"].startswith("the model does not fit")
+    assert not any(one["verdict"] == "identified" for one in found["sensors"])
+    (tmp_path / "fit.json").write_text(text, encoding="utf-8")
+    (tmp_path / "drive.yaml").write_text(
+        yaml.safe_dump({"drive": {"times": [0.0, 0.5], "period": 1.0, "actuation": [[0.0, 0.0], [0.05, 0.05]]}}),
+        encoding="utf-8",
+    )
+    words = ("--from", tmp_path / "fit.json", "--drive", tmp_path / "drive.yaml")
+    status, text, _ = run(capsys, "predict", guess, *words)
+    assert status == 0
+    assert "the model does not fit its record: values are doubtful" in " ".join(text.split())
+    _, text, _ = run(capsys, "identify", csv, *options)
+    assert "a model that does not fit predicts neither" in " ".join(text.split())
+
+
 def numbers(text: str) -> set[str]:
     return set(re.findall(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?", text))
 

@@ -176,14 +176,22 @@ class Problem:
         low, high = np.empty(self.count), np.empty(self.count)
         count = self.space.origin.size
         low[:count], high[:count] = (self.space.to_coordinates(v) for v in (self.space.low, self.space.high))
-        for i, replica in enumerate(self.replicas):
-            longest = _LONGEST_LAG * float(np.ptp(replica.measured.time))
+        for i in range(len(self.replicas)):
+            longest = self.longest_lag(i)
             low[self.places(i)], high[self.places(i)] = -np.inf, np.inf
             for name, at in zip(self.sensor.unknown, self.places(i), strict=False):
                 mean, deviation = getattr(self.sensor, name)
                 most = max(abs(mean), longest) if name == "lag" else 0.9
                 low[at], high[at] = max(mean - _WIDEST * deviation, -most), min(mean + _WIDEST * deviation, most)
         return low, high
+
+    def longest_lag(self, recording: int) -> float:
+        """Compute the longest lag that is searched if its prior allows more.
+
+        Returns:
+            A tenth of the recording [s].
+        """
+        return _LONGEST_LAG * float(np.ptp(self.replicas[recording].measured.time))
 
     def places(self, recording: int) -> range:
         """List the indices of the unknowns of a recording: of its sensor, then of its start.

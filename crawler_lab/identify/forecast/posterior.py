@@ -46,6 +46,7 @@ class Posterior:
         freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
         ended: bounded parameters that the fit moved to a bound that was given to it.
         speeds: fastest commanded change of each length in the record [m/s, of segments 1/s]; empty if not known.
+        fits: whether the model fitted the record; else all values are doubtful.
     """
 
     names: tuple[str, ...]
@@ -58,6 +59,7 @@ class Posterior:
     freedom: float = np.inf
     ended: tuple[str, ...] = ()
     speeds: Mapping[str, float] = field(default_factory=dict)
+    fits: bool = True
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -89,17 +91,30 @@ class Posterior:
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "covariance", frozen(0.5 * (covariance + covariance.T)))
 
-    def as_plain(self) -> dict[str, Any]:
-        """Convert to the entry `posterior` of `crawler identify --json`, next to which `parameters` lists the others.
+    def as_plain(self, others: bool = False) -> dict[str, Any]:
+        """Convert to the entry `posterior` of `crawler identify --json`.
+
+        Args:
+            others: whether it lists the other parameters, too, because the verdicts in `parameters` do not.
 
         Returns:
             Plain numbers, lists and text.
         """
-        return {
+        plain = {
             "names": list(self.names),
             "values": self.values.tolist(),
             "covariance": self.covariance.tolist(),
             "freedom": self.freedom if np.isfinite(self.freedom) else None,
+        }
+        if not others:
+            return plain
+        return plain | {
+            "bounds": {name: list(ends) for name, ends in self.bounds.items()},
+            "held": dict(self.held),
+            "groups": [list(group) for group in self.groups],
+            "unknown": list(self.unknown),
+            "ended": list(self.ended),
+            "fits": self.fits,
         }
 
     def known_numbers(self) -> tuple[str, ...]:
@@ -338,13 +353,33 @@ def _read_json(path: Path) -> Any:
         raise CrawlerError(f"{path}: not JSON in line {error.lineno}: {error.msg}") from None
 
 
+def _read_interval(name: str, ends: Sequence[Any]) -> Interval:
+    """Read the ends of what bounds a parameter."""
+    low, high = (None if end is None else float(end) for end in ends)
+    if low is None and high is None:
+        raise CrawlerError(f"posterior: {name}: interval [null, null]; one end of a bound must be a number")
+    if low is not None and high is not None and low > high:
+        raise CrawlerError(f"posterior: {name}: interval [{low:g}, {high:g}]; the lower end must come first")
+    return low, high
+
+
 def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -> Posterior:
-    """Build a posterior from the entries `posterior` and `parameters`."""
+    """Build a posterior from the entry `posterior`, and `parameters` unless it lists what is known of the others."""
     names = tuple(str(name) for name in entry["names"])
     values = np.array(entry["values"], dtype=np.float64).reshape(-1)
     covariance = np.array(entry["covariance"], dtype=np.float64)
     freedom = entry.get("freedom")
     posterior = Posterior(names, values, covariance, freedom=np.inf if freedom is None else float(freedom))
+    if "unknown" in entry:
+        return dataclasses.replace(
+            posterior,
+            bounds={str(name): _read_interval(str(name), ends) for name, ends in dict(entry["bounds"]).items()},
+            held={str(name): float(value) for name, value in dict(entry["held"]).items()},
+            groups=tuple(tuple(map(str, group)) for group in entry["groups"]),
+            unknown=tuple(map(str, entry["unknown"])),
+            ended=tuple(map(str, entry["ended"])),
+            fits=bool(entry["fits"]),
+        )
     bounds: dict[str, Interval] = {}
     held: dict[str, float] = {}
     groups: list[tuple[str, ...]] = []
@@ -353,12 +388,7 @@ def _from_plain(entry: Mapping[str, Any], listed: Sequence[Mapping[str, Any]]) -
     for parameter in listed:
         name, verdict = str(parameter["name"]), parameter["verdict"]
         if verdict == "bound":
-            low, high = (None if end is None else float(end) for end in parameter["interval"])
-            if low is None and high is None:
-                raise CrawlerError(f"posterior: {name}: interval [null, null]; one end of a bound must be a number")
-            if low is not None and high is not None and low > high:
-                raise CrawlerError(f"posterior: {name}: interval [{low:g}, {high:g}]; the lower end must come first")
-            bounds[name] = (low, high)
+            bounds[name] = _read_interval(name, parameter["interval"])
         elif verdict == "not excited":
             unknown.append(name)
         elif verdict == "ratio" and name not in names:

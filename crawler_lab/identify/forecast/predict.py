@@ -374,6 +374,8 @@ def _note_speed(posterior: Posterior, played: Scene) -> list[str]:
 def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_drive: bool) -> tuple[str, ...]:
     """Collect what else limits a prediction."""
     notes = []
+    if not posterior.fits:
+        notes.append("the model does not fit its record: values are doubtful, and so are these bands")
     if own_drive and GAIN in posterior.names:
         notes.append(
             "the drive of the scene is taken to have the lengths that the actuators reach, as identify --out writes "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -159,6 +159,21 @@ def _choose(
     if p not in chosen:
         return plain | {"value": float(value)}
     return plain | {"verdict": "bound", "interval": [chosen[p][True][0], None]}
+
+
+def doubt(parameter: Parameter) -> Parameter:
+    """Withdraw what a model tells that does not fit.
+
+    Args:
+        parameter: its verdict if the model did fit.
+
+    Returns:
+        The value without an interval; as it is where nothing was told.
+    """
+    if parameter.verdict == "not excited" or parameter.ended:
+        return parameter
+    reason = "the model does not fit" + ("" if parameter.verdict == "identified" else f"; {parameter.why}")
+    return replace(parameter, verdict="doubtful", interval=(None, None), why=reason)
 
 
 def _interval(

@@ -44,7 +44,7 @@ ColumnsOption = Annotated[
 ]
 UnitsOption = Annotated[
     str | None,
-    typer.Option(metavar="LENGTH,TIME", help="Units of tables: m, cm, mm or um; s, ms or us. By default m,s."),
+    typer.Option(metavar="LENGTH,TIME", help="Units of tables: m, cm, mm or um; s, ms, us or ns. By default m,s."),
 ]
 SensorOption = Annotated[
     list[str] | None,

@@ -11,7 +11,7 @@ from crawler_model import CrawlerError
 
 from ...identify.sensor.sensor import Prior, Sensor
 
-_UNITS = {"length": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6}, "time": {"s": 1.0, "ms": 1e3, "us": 1e6}}
+_UNITS = {"length": {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6}, "time": {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}}
 """Units of a table, by kind, and how many of them are one SI unit."""
 _SENSOR_UNITS = {
     "lag": {"s": 1.0, "ms": 1e-3, "us": 1e-6},

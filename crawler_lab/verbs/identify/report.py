@@ -90,10 +90,10 @@ def _list_sensors(sensors: Sequence[SensorNumber], title: str) -> _Listing:
     for one in sensors:
         if one.verdict == "held" and one.value == 0.0:
             continue
-        low, high = (_with_unit(one.name, end) for end in one.interval)
-        before = f"{_with_unit(one.name, one.prior.mean)} +- {_with_unit(one.name, one.prior.deviation)}"
+        low, high = (one.write(end) for end in one.interval)
+        before = f"{one.write(one.prior.mean)} +- {one.write(one.prior.deviation)}"
         interval = "" if one.verdict == "held" else f"{low} .. {high}"
-        rows.append((one.name, one.recording, one.verdict, _with_unit(one.name, one.value), interval, before))
+        rows.append((one.name, one.recording, one.verdict, one.write(one.value), interval, before))
     return _Listing(title, ("sensor", "recording", "verdict", "value", "95 % interval", "before"), tuple(rows))
 
 
@@ -134,12 +134,6 @@ def _list_score(score: HeldOut | None) -> _Listing:
     return _Listing("Prediction of the rows held out", heads, ((*numbers, gain, score.worst),))
 
 
-def _with_unit(name: str, value: float) -> str:
-    """Write a number of a sensor in a unit that suits it."""
-    factor, unit = (1e3, " ms") if name == "lag" else (1e3, " mm") if name.startswith("drift") else (1e2, " %")
-    return f"{factor * value:.3g}{unit}"
-
-
 def _describe_misfit(found: Identification) -> list[str]:
     """Describe how far the model is from the measurements, one line each."""
     out = "" if found.held_out is None else f", held out {1e3 * found.held_out:.3g} mm"
@@ -155,6 +149,7 @@ def _describe_misfit(found: Identification) -> list[str]:
         lines.append(
             f"prediction of the rows held out: {100.0 * found.score.coverage:.0f} % within 95 % bands"
             + ("" if gain is None else f", net translation {100.0 * gain:+.1f} %")
+            + ("" if found.model_fits else "; a model that does not fit predicts neither")
         )
     if not found.model_fits:
         lines.append(f"the model does not fit: {found.where}")

@@ -134,6 +134,17 @@ def test_a_stiffer_link_explains_a_misfit_and_moves_values() -> None:
         assert "if the misfit is stiffness of link_0" in found[name].why
 
 
+def test_a_number_of_the_sensor_far_from_its_prior_is_told_and_not_identified() -> None:
+    document, measured = measure_robot(4, "white")
+    late = dataclasses.replace(measured, time=measured.time + 0.18)
+    found = identify(guess_robot(document, 4), [late], KEYS, hold_out=0.0)
+    lag = next(one for one in found.sensors if one.name == "lag")
+    assert lag.verdict == "doubtful"
+    assert lag.value == pytest.approx(0.18, abs=0.01)
+    (line,) = found.warnings
+    assert "lag of 180 ms is 3.6 deviations from what was known, 0 ms +- 50 ms" in line
+
+
 def test_held_out_rows_are_scored() -> None:
     document, measured = measure_robot(1, "tracker, AR(0.9)")
     found = identify(guess_robot(document, 1), [measured], KEYS, hold_out=0.3)
