@@ -121,7 +121,7 @@ def simulate_many(
     interrupted = run_chunks(
         scenes, functools.partial(run_chunk, settings=settings), store, workers or available_cores(), progress
     )
-    return gather(rows, reasons, interrupted, time.perf_counter() - began)
+    return gather(scenes, rows, reasons, interrupted, time.perf_counter() - began)
 
 
 def run_chunk(scenes: Sequence[Scene], settings: Settings, stop: Callable[[], bool] | None = None) -> Chunk:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, overload
 
@@ -11,8 +11,10 @@ import numpy as np
 
 from crawler_model.notebook import write_html
 from crawler_model.run.arrow import Tabular, load_library
+from crawler_model.scene.scene import Scene
 
 from .rows import COMPARED, COUNTS, DONE, FORCES, LENGTHS, SCREW
+from .vary import Variations
 
 _STATUS = np.array(["not run", "done", "invalid"])
 COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, *SCREW, "unique", *COUNTS, "kernel_s")
@@ -78,6 +80,7 @@ class ManyRuns(Tabular):
         kernel_s: time spent in compiled kernels, for runs that went together a share of the call's, shape (M,) [s].
         interrupted: True if Ctrl-C stopped the runs; completed runs are included.
         wall_s: wall-clock time [s].
+        varied: for each key that `vary` varied its value in each run, shape (M,); empty for other scenes.
     """
 
     status: np.ndarray
@@ -107,6 +110,7 @@ class ManyRuns(Tabular):
     kernel_s: np.ndarray
     interrupted: bool
     wall_s: float
+    varied: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def efficiency(self) -> np.ndarray:
@@ -130,7 +134,8 @@ class ManyRuns(Tabular):
         """Select one run, or several."""
         if isinstance(at, slice):
             columns = {name: getattr(self, name)[at] for name in COLUMNS}
-            return ManyRuns(reason=self.reason[at], interrupted=self.interrupted, wall_s=self.wall_s, **columns)
+            varied = {key: values[at] for key, values in self.varied.items()}
+            return replace(self, reason=self.reason[at], varied=varied, **columns)
         place = range(len(self))[at]
         values = {name: getattr(self, name)[place] for name in (*COLUMNS, "efficiency", "period_efficiency")}
         return RunRow(
@@ -159,9 +164,9 @@ class ManyRuns(Tabular):
         """Convert to a table with a row for each run.
 
         Returns:
-            A pyarrow.Table: status, reason, then every number, with its unit in the metadata of the column; two
-            columns, `_x` and `_y`, for a displacement in the plane; dx, dy and dyaw if a body turns; null where a run
-            is not done or has no such number.
+            A pyarrow.Table: the varied values, status, reason, then every number, with its unit in the metadata of the
+            column; two columns, `_x` and `_y`, for a displacement in the plane; dx, dy and dyaw if a body turns; null
+            where a run is not done or has no such number.
 
         Raises:
             CrawlerError: if pyarrow is not installed.
@@ -173,6 +178,8 @@ class ManyRuns(Tabular):
             fields.append(pa.field(name, array.type, metadata=None if unit is None else {"unit": unit}))
             columns.append(array)
 
+        for key, values in self.varied.items():
+            add_column(key, pa.array(values))
         add_column("status", pa.array(self.status.tolist()))
         add_column("reason", pa.array(list(self.reason)))
         for name, unit in UNITS.items():
@@ -203,10 +210,13 @@ def _per_energy(gained: np.ndarray, spent: np.ndarray) -> np.ndarray:
     return ratio
 
 
-def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s: float) -> ManyRuns:
+def gather(
+    scenes: Sequence[Scene], rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s: float
+) -> ManyRuns:
     """Build the results from rows.
 
     Args:
+        scenes: the scenes that were run, of length M.
         rows: rows of dtype ROW, shape (M,).
         reasons: reasons for invalid rows by index.
         interrupted: whether the runs were stopped.
@@ -228,4 +238,5 @@ def gather(rows: np.ndarray, reasons: dict[int, str], interrupted: bool, wall_s:
     for column in columns.values():
         column.flags.writeable = False
     reason = tuple(reasons.get(i, "") for i in range(rows.size))
-    return ManyRuns(reason=reason, interrupted=interrupted, wall_s=wall_s, **columns)
+    varied = dict(scenes.values) if isinstance(scenes, Variations) else {}
+    return ManyRuns(reason=reason, interrupted=interrupted, wall_s=wall_s, varied=varied, **columns)

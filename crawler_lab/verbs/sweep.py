@@ -30,7 +30,7 @@ def sweep(
             "Repeat the option for every combination of several keys.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The .parquet table to write; it must not exist.")],
+    out: Annotated[Path, typer.Option(help="The table to write, .parquet or .csv; it must not exist.")],
     duration: DurationOption = None,
     rate: Annotated[
         float, typer.Option(help="Ticks per second, Hz; the result of exact does not depend on it.")

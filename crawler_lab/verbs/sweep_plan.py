@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
+from pyarrow.csv import write_csv
 
 from crawler_command.screen import PICTURES, check_output, whole_file
 from crawler_command.units import unit_of
@@ -133,7 +134,7 @@ def plan_sweep(
         png = out.with_suffix(".png")
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:
         raise CrawlerError(f"--png: a picture needs one or two keys that vary; this sweep has {len(values)}")
-    for option, file, suffixes in (("--out", out, ".parquet"), ("--png", png, PICTURES)):
+    for option, file, suffixes in (("--out", out, (".parquet", ".csv")), ("--png", png, PICTURES)):
         check_output(option, file, suffixes, force)
     if column is not None and png is None:
         raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
@@ -167,7 +168,10 @@ def run_sweep(
         raise CrawlerError(f"no variation is valid; the reason of the first: {runs.reason[0]}")
     if done.any():
         with whole_file(sweep.out) as part:
-            parquet.write_table(_build_table(sweep, runs), part, compression="zstd")
+            if sweep.out.suffix == ".csv":
+                write_csv(_build_table(sweep, runs), part)
+            else:
+                parquet.write_table(_build_table(sweep, runs), part, compression="zstd")
         if sweep.png is not None:
             from ..pictures.sweep import draw_sweep
 
@@ -211,7 +215,7 @@ def _simulate_on_cluster(
         except SchedulerEndedError as error:
             print(f"crawler: {error}; the remaining variations are not run", file=sys.stderr)
             interrupted = True
-    return gather(rows, reasons, interrupted, time.perf_counter() - began)
+    return gather(variations, rows, reasons, interrupted, time.perf_counter() - began)
 
 
 def _build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
@@ -219,13 +223,10 @@ def _build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
 
     It has the values varied, status and reason, the results; scene, settings and versions in the metadata.
     """
-    ran = runs.status != "not run"
-    table = runs.to_table().filter(pa.array(ran))
-    base = sweep.variations.base
-    for place, (key, values) in enumerate(sweep.variations.values.items()):
-        table = table.add_column(
-            place, pa.field(key, pa.float64(), metadata={"unit": unit_of(base, key)}), [values[ran]]
-        )
+    table = runs.to_table().filter(pa.array(runs.status != "not run"))
+    for place, key in enumerate(runs.varied):
+        unit = {"unit": unit_of(sweep.variations.base, key)}
+        table = table.set_column(place, pa.field(key, pa.float64(), metadata=unit), table.column(place))
     about = json.dumps(_about(sweep, runs), sort_keys=True)
     return table.replace_schema_metadata({"crawler_sweep": about})
 

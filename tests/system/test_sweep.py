@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import json
 import os
 import re
@@ -85,6 +86,18 @@ def test_a_map_over_two_keys_in_the_grids_order(tmp_path):
     assert sweep["duration_s"] == 3.0
     assert sweep["complete"] is True
     assert {"crawler-ros", "numpy", "numba", "python"} <= sweep["versions"].keys()
+
+
+def test_a_csv_table_has_the_same_numbers(tmp_path):
+    keys = ["--vary", "ground.slope=0:20:3", "--vary", "loads[0]=-0.1:0:2"]
+    for file in ("s.parquet", "s.csv"):
+        good("sweep", "slope_climber", *keys, "--out", file, "--force", cwd=tmp_path)
+    with (tmp_path / "s.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    table = table_of(tmp_path / "s.parquet")
+    assert list(rows[0]) == table.column_names
+    for name in ("ground.slope", "loads[0]", "per_period", "cost_of_transport"):
+        assert [float(row[name]) for row in rows] == table[name].to_pylist()
 
 
 def test_curves_over_slope_and_tow_have_units_costs_and_body_lengths(tmp_path):
@@ -223,7 +236,7 @@ MISTAKES = [
     (["--vary", "drive.length=log:0:6:5"], "with `log:` both ends must be > 0"),
     (["--vary", "drive.length=0:6:9999", "--vary", "drive.friction=1:2:9999"], "at most 10000000"),
     (["--vary", "drive.friction=-2,-1"], "no variation is valid; the reason of the first: drive: friction: -2 N"),
-    ([*LENGTHS, "--out", "x.csv"], "must end in .parquet"),
+    ([*LENGTHS, "--out", "x.xlsx"], "must end in .parquet or .csv"),
     ([*LENGTHS, "--out", "nodir/x.parquet"], "the folder"),
     ([*LENGTHS, "--png", "x.jpg"], "must end in .png"),
     (

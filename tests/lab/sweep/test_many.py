@@ -671,6 +671,9 @@ def test_runs_convert_to_a_table():
     pytest.importorskip("pyarrow")
     runs = simulate_many(vary(load_scene("two_anchor_a"), {"body.links.stiffness": [1.0, -1.0]}))
     table = runs.to_table()
+    assert table.column_names[:2] == ["body.links.stiffness", "status"]
+    assert table["body.links.stiffness"].to_pylist() == [1.0, -1.0]
+    assert runs[1:].to_table()["body.links.stiffness"].to_pylist() == [-1.0]
     assert table["per_period"].to_pylist() == [runs.per_period[0], None]
     assert table["status"].to_pylist() == ["done", "invalid"]
     assert table["reason"].to_pylist() == list(runs.reason)
