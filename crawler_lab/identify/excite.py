@@ -292,8 +292,8 @@ class _Search:
     def _information(self, values: np.ndarray) -> np.ndarray | None:
         """Compute the Fisher information about the coordinates, shape (P, P), as `identify` knows a sensor by default.
 
-        Lag, scale, drifts and offsets of the channels (if the start is sought, one offset of the frame) are unknown,
-        too, with the priors of a `Sensor`; and so is the start if nothing tells it.
+        Lag, scale, drifts and offsets of the channels (if the start is sought, one offset of the frame and places of
+        markers) are unknown, too, with the priors of a `Sensor`; and so is the start if nothing tells it.
         """
         measured, sensor, starts = self.replica.measured, Sensor(), self.replica.starts
         predicted = self.replica.predict(values, start=np.zeros(starts) if starts else None)
@@ -304,9 +304,9 @@ class _Search:
         shared = sensor.lag.deviation**-2, sensor.scale.deviation**-2, 0.0 if self.seeks_start else 1.0
         total[count:, count:] = np.diag((*shared, *[_VAGUE] * starts))
         added = np.stack((np.ones(measured.time.size), build_drift(measured.time)))
-        prior = np.diag([0.0, sensor.drift.deviation**-2])
+        prior = np.diag([sensor.place.deviation**-2 if self.seeks_start else 0.0, sensor.drift.deviation**-2])
         for m, grounded in enumerate(measured.on_ground):
-            own = slice(int(self.seeks_start), 1 + int(grounded))
+            own = slice(int(self.seeks_start and not grounded), 1 + int(grounded))
             frame = added[0] * (grounded and self.seeks_start)
             rows = (
                 predicted.jacobian[m, :count] * slope,

@@ -254,7 +254,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         recordings=tuple(r.measured for r in problem.replicas),
         residuals=fit.residuals.all,
         fitted=problem.rows,
-        offsets=tuple(design[0, :, :offsets] @ own[:offsets] for design, offsets, own in added),
+        offsets=tuple(0.5 * (design[0] + design[-1]) @ own for design, _, own in added),
         drifts=tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
         noises=noises,
         starts=tuple(_find_start(problem, fit, i) for i in range(len(problem.replicas))),

@@ -1,7 +1,8 @@
 """The residuals of a fit as functions of its unknowns: parameters, and what the sensor of each recording does.
 
-Offsets and drifts enter linearly. They are eliminated from the whitened residuals (variable projection; G. H. Golub,
-V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), so that only parameters, lags and errors of scale are unknowns.
+Offsets, drifts and places of markers enter linearly. They are eliminated from the whitened residuals (variable
+projection; G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413), so that only parameters, lags, errors of scale
+and starts are unknowns.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Residuals:
         resting: whether each contact rests, elongations whether they do not change, per recording, bool, shape (T, M).
         fitted: the fitted rows, whitened, channel by channel, then the priors, shape (R,) [1].
         jacobian: the derivatives of `fitted` with respect to the unknowns, shape (R, U).
-        linear: offsets, then drifts that fit best, per recording, shape (Q,) [m].
+        linear: offsets, then drifts and places that fit best, per recording, shape (Q,) [m].
         d_linear: their derivatives with respect to the parameters and the sensor's numbers, shape (Q, P + names).
         derivative_error: part by which derivatives may be wrong, below which a combination of them counts as zero [1].
     """
@@ -105,6 +106,7 @@ class Problem:
         self.names = (*sensor.unknown, *(f"start {j}" for j in range(self.starts)))
         self.count = space.origin.size + len(self.names) * len(self.replicas)
         self.designs = [_build_design(r, offset, sensor) for r in replicas]
+        self.widths = [_list_widths(r, offset, sensor) for r in replicas]
         self.offsets = [_count_offsets(r, offset) for r in replicas]
         self.floor = max(find_floor(r.measured.values) for r in replicas)
         self.present = [np.isfinite(r.measured.values) & rows[:, None] for r, rows in zip(replicas, rows, strict=True)]
@@ -127,8 +129,7 @@ class Problem:
                 shape (R,) [m^2].
         """
         self.channels = [self._whiten(i, one) for i, one in enumerate(noises)]
-        drifts = [design.shape[-1] - offsets for design, offsets in zip(self.designs, self.offsets, strict=True)]
-        self.sizes = [channels[-1].place.stop + count for channels, count in zip(self.channels, drifts, strict=True)]
+        self.sizes = [own[-1].place.stop + widths.size for own, widths in zip(self.channels, self.widths, strict=True)]
         self.grams = [self._gram(i) for i in range(len(self.replicas))]
         self._last: tuple[bytes, Residuals | None] | None = None
 
@@ -330,18 +331,17 @@ class Problem:
         own[seen] = np.linalg.solve(gram[np.ix_(seen, seen)], moment[seen])
         for channel in channels:
             whitened[:, channel.place] -= own[channel.own].T @ channel.linear
-        if self.sensor.drift.deviation > 0.0:
-            whitened[:, channels[-1].place.stop :] = -own[self.offsets[recording] :].T / self.sensor.drift.deviation
+        whitened[:, channels[-1].place.stop :] = -own[self.offsets[recording] :].T / self.widths[recording]
         return whitened, own
 
     def _gram(self, recording: int) -> np.ndarray:
-        """Compute the information on the offsets and drifts of a recording, with the priors of drifts, shape (Q, Q)."""
-        count, deviation = self.designs[recording].shape[-1], self.sensor.drift.deviation
+        """Compute the information on the offsets, drifts and places of a recording, with their priors, shape (Q, Q)."""
+        count = self.designs[recording].shape[-1]
         found = np.zeros((count, count))
         for channel in self.channels[recording]:
             found[np.ix_(channel.own, channel.own)] += channel.linear @ channel.linear.T
-        drifts = range(self.offsets[recording], count)
-        found[drifts, drifts] += deviation**-2 if deviation > 0.0 else 0.0
+        known = range(self.offsets[recording], count)
+        found[known, known] += self.widths[recording] ** -2
         return found
 
     def differentiate(self, unknowns: np.ndarray, recording: int) -> np.ndarray:
@@ -374,8 +374,19 @@ def _count_offsets(replica: Replica, offset: Offset) -> int:
     return ground.size if offset == "each" else replica.measured.axes.shape[1] * (offset == "frame")
 
 
+def _has_places(offset: Offset, sensor: Sensor) -> bool:
+    return offset != "each" and sensor.place.deviation > 0.0
+
+
+def _list_widths(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarray:
+    """List the standard deviations of the priors of drifts and places, in the order of the design [m]."""
+    drift = [sensor.drift.deviation] if sensor.drift.deviation > 0.0 else []
+    place = [sensor.place.deviation] if _has_places(offset, sensor) else []
+    return np.repeat([*drift, *place], int(replica.measured.on_ground.sum()))
+
+
 def _build_design(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarray:
-    """Build the derivatives of the channels with respect to offsets and drifts of a recording, shape (T, M, Q)."""
+    """Build the derivatives of the channels with respect to offsets, drifts and places, shape (T, M, Q)."""
     measured = replica.measured
     ground = measured.on_ground
     offsets = np.eye(ground.size) if offset == "each" else measured.axes
@@ -383,4 +394,6 @@ def _build_design(replica: Replica, offset: Offset, sensor: Sensor) -> np.ndarra
     parts = [np.broadcast_to(offsets, (measured.time.size, *offsets.shape))]
     if sensor.drift.deviation > 0.0:
         parts.append(build_drift(measured.time)[:, None, None] * np.eye(ground.size)[:, ground])
+    if _has_places(offset, sensor):
+        parts.append(np.broadcast_to(np.eye(ground.size)[:, ground], (measured.time.size, ground.size, ground.sum())))
     return np.concatenate(parts, axis=-1)

@@ -1,4 +1,4 @@
-"""What measurements decide about the sensors: lag, scale, gain and drifts."""
+"""What measurements decide about the sensors: lag, scale, gain, drifts and places."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SensorNumber:
     """What is known about a number of a sensor.
 
     Attributes:
-        name: "lag", "scale", "gain", or "drift of contact_0".
+        name: "lag", "scale", "gain", "drift of contact_0" or "place of contact_0".
         recording: name of the recording.
         verdict: "identified"; "prior" if the measurements add little to what was known before; "held"; "doubtful" if it
             is far from what was known before, or the model does not fit.
@@ -64,7 +64,7 @@ def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray, freedom: f
     """Write the verdict on each number of each sensor.
 
     Returns:
-        Lag, scale, gain and drifts of each recording.
+        Lag, scale, gain, drifts and places of each recording.
     """
     found, quantile = [], find_quantile(freedom)
     for i, replica in enumerate(problem.replicas):
@@ -74,12 +74,14 @@ def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray, freedom: f
         for key in ("lag", "scale", "gain"):
             deviation = float(np.sqrt(covariance[places[key], places[key]])) if key in places else 0.0
             found.append(_judge_number(key, name, sensed[key], deviation, getattr(problem.sensor, key), quantile))
-        prior = problem.sensor.drift
         first = problem.offsets[i]
         widths = np.sqrt(np.diag(_find_covariance_of_offsets(problem, fit, i, covariance))[first:])
         grounded = [c for c, on in zip(replica.measured.channels, replica.measured.on_ground, strict=True) if on]
-        for channel, value, width in zip(grounded, fit.residuals.linear[i][first:], widths, strict=False):
-            found.append(_judge_number(f"drift of {channel}", name, float(value), float(width), prior, quantile))
+        kinds = [kind for kind in ("drift", "place") if getattr(problem.sensor, kind).deviation > 0.0]
+        named = [(kind, channel) for kind in kinds for channel in grounded]
+        for (kind, channel), value, width in zip(named, fit.residuals.linear[i][first:], widths, strict=False):
+            prior = getattr(problem.sensor, kind)
+            found.append(_judge_number(f"{kind} of {channel}", name, float(value), float(width), prior, quantile))
     return tuple(found)
 
 
@@ -127,7 +129,7 @@ def warn_of_sensors(problem: Problem, sensors: Sequence[SensorNumber]) -> list[s
             found[place] = one
     lines = []
     for (recording, kind), one in found.items():
-        limit = ", the limit of the search" if one.surprise > _LIMIT and kind != "drift" else ""
+        limit = ", the limit of the search" if one.surprise > _LIMIT and " of " not in one.name else ""
         lines.append(
             f"{recording}: {one.name} of {one.write(one.value)} is {one.surprise:.2g} deviations from what was known, "
             f"{one.write(one.prior.mean)} +- {one.write(one.prior.deviation)}{limit}: state what it may be with "

@@ -2,8 +2,9 @@
 
     y_i(t) = (1 + scale) x_i(t - lag) + offset_i + drift_i (t - t_middle) / duration + noise
 
-Elongations have a lag and an offset only. The gain g of the actuators multiplies all commanded lengths. It is exactly
-confounded with the scale, because x(g L, g mu) = g x(L, mu): whatever is assumed of it passes to friction one to one.
+Where the offset is that of a frame, each marker has a place of its own on its contact, as a hand glued it. Elongations
+have a lag and an offset only. The gain g of the actuators multiplies all commanded lengths. It is exactly confounded
+with the scale, because x(g L, g mu) = g x(L, mu): whatever is assumed of it passes to friction one to one.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ class Prior(NamedTuple):
 
 
 _WIDE_LAG, _WIDE_SCALE, _WIDE_DRIFT, _HELD = Prior(0.0, 0.05), Prior(0.0, 0.005), Prior(0.0, 2e-3), Prior(0.0, 0.0)
+_BY_HAND = Prior(0.0, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -37,12 +39,14 @@ class Sensor:
         scale: error of the scale of positions [1].
         drift: of the offset of each contact over the recording [m].
         gain: error of the gain of the actuators [1].
+        place: of each marker against its contact, unless each channel has an offset that is unknown anyway [m].
     """
 
     lag: Prior = _WIDE_LAG
     scale: Prior = _WIDE_SCALE
     drift: Prior = _WIDE_DRIFT
     gain: Prior = _HELD
+    place: Prior = _BY_HAND
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -53,8 +57,9 @@ class Sensor:
                     f"sensor: {field.name}: {prior.mean:g} +- {prior.deviation:g}; the mean must be finite and the "
                     "uncertainty 0 or more"
                 )
-        if self.drift.mean != 0.0:
-            raise CrawlerError(f"sensor: drift: {self.drift.mean:g} m; it may be unknown or 0")
+        for name in ("drift", "place"):
+            if getattr(self, name).mean != 0.0:
+                raise CrawlerError(f"sensor: {name}: {getattr(self, name).mean:g} m; it may be unknown or 0")
         for name in ("scale", "gain"):
             mean, deviation = getattr(self, name)
             if abs(mean) + deviation > 0.5:
@@ -62,12 +67,12 @@ class Sensor:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """The numbers that a fit finds for each recording, apart from drifts."""
+        """The numbers that a fit finds for each recording, apart from drifts and places."""
         return tuple(name for name in ("lag", "scale", "gain") if getattr(self, name).deviation > 0.0)
 
 
-PERFECT = Sensor(_HELD, _HELD, _HELD, _HELD)
-"""A sensor without lag, scale error and drift; offsets are another matter."""
+PERFECT = Sensor(_HELD, _HELD, _HELD, _HELD, _HELD)
+"""A sensor without lag, scale error and drift, and exact places of markers; offsets are another matter."""
 
 
 def build_drift(time: np.ndarray) -> np.ndarray:

@@ -50,7 +50,8 @@ SensorOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=VALUE[,...]",
-        help="Uncertainty of lag (50ms), scale (0.5%), drift (2mm) and gain (0%) before the fit, for example "
+        help="Uncertainty of lag (50ms), scale (0.5%), drift (2mm), gain (0%) and, without an offset of each channel, "
+        "place of markers (1mm) before the fit, for example "
         "lag=20ms,scale=0.2%,drift=1mm; fix: holds a number (lag=fix:43ms), `perfect` all of them at 0.",
     ),
 ]

@@ -18,6 +18,7 @@ _SENSOR_UNITS = {
     "scale": {"%": 1e-2, "": 1.0},
     "drift": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
     "gain": {"%": 1e-2, "": 1.0},
+    "place": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
 }
 """Units of a property of the sensors, by its name, and how much each is in SI units."""
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z%]*)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -107,6 +108,26 @@ def test_positions_in_the_frame_of_the_scene_tell_the_start() -> None:
     for p, value in zip(found.parameters, [v for side in document["friction"].values() for v in side], strict=True):
         low, high = p.interval
         assert abs(p.value - value) < high - low < 1e-3 * value
+
+
+def test_markers_glued_by_hand_widen_what_positions_tell() -> None:
+    document = robot()
+    measured = cut(document, noise=1e-4)
+    glued = dataclasses.replace(measured, values=measured.values + np.array([0.9e-3, -1.1e-3, 0.8e-3]))
+    keys = ["friction.forward", "friction.backward"]
+    guess = scaled(document, {keys[0]: 1.2})
+    found = identify(guess, [glued], keys, offset="frame", hold_out=0.0)
+    assert {p.verdict for p in found.parameters} == {"identified"}
+    assert count_inside(document, found) == (6, 6)
+    wide = found["friction.forward[0]"].interval
+    exact = identify(guess, [glued], keys, offset="frame", sensor=PERFECT, hold_out=0.0)
+    assert exact.model_fits
+    assert count_inside(document, exact)[0] < 3
+    narrow = exact["friction.forward[0]"].interval
+    assert wide[1] - wide[0] > 10.0 * (narrow[1] - narrow[0])
+    assert [one.name for one in found.sensors if one.name.startswith("place")] == [
+        f"place of contact_{i}" for i in range(3)
+    ]
 
 
 def test_a_start_that_is_told_is_known() -> None:
