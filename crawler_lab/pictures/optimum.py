@@ -19,6 +19,7 @@ from crawler_pictures.run.plane import draw_plane
 from crawler_pictures.run.trajectory import read_trajectory
 from crawler_pictures.style import own_style, write_figure
 
+from ..optimise.gait_table import name_number
 from ..optimise.landscape import map_plane, profile
 from ..optimise.optimum import Optimum
 from ..optimise.pareto import Front
@@ -111,7 +112,7 @@ def _draw_gait(part: Any, run: RunArrays, shown: np.ndarray) -> None:
     explain_states(axis, False, False)
 
 
-def _name_unknown(name: str, unit: str) -> str:
+def _with_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} [{unit}]"
 
 
@@ -130,7 +131,7 @@ def _draw_profiles(axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> No
         draw_broken(axis, part, values[i], find_jumps(values[i]), color=color, linewidth=width, linestyle=dash)
         bounds = f"{optimum.low[i]:.3g} .. {optimum.high[i]:.3g}".replace("-", "\u2212")
         unit = units[optimum.names[i]]
-        label = f"{optimum.names[i]}, {bounds}" + ("" if unit == "1" else f" {unit}")
+        label = f"{name_number(optimum.scene, optimum.names[i])}, {bounds}" + ("" if unit == "1" else f" {unit}")
         handles.append(Line2D([], [], color=color, linewidth=1.6, linestyle=dash, label=label))
     place = (optimum.values - optimum.low) / (optimum.high - optimum.low)
     axis.plot(place[order], [optimum.value] * order.size, "o", color="black", ms=4, zorder=4)
@@ -159,7 +160,8 @@ def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str])
     axis.plot(
         optimum.values[pair[0]], optimum.values[pair[1]], "o", color="black", mfc="white", ms=7, zorder=4, clip_on=False
     )
-    across, upwards = (_name_unknown(optimum.names[i], units[optimum.names[i]]) for i in pair)
+    names = optimum.names
+    across, upwards = (_with_unit(name_number(optimum.scene, names[i]), units[names[i]]) for i in pair)
     axis.set(xlabel=across, ylabel=upwards)
     axis.locator_params(nbins=5)
     outside = "; grey: no value within the limits" if np.isnan(values).any() else ""

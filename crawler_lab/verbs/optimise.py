@@ -149,6 +149,7 @@ _Seconds = Annotated[
 _Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed gives the same result.", min=0)]
 _AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")]
 _Out = Annotated[Path | None, typer.Option(help="The scene to write, which plays the gait; .yaml.")]
+_Table = Annotated[Path | None, typer.Option(help="The gait as a table to write, .csv or .md.")]
 _Png = Annotated[
     Path | None, typer.Option(help="The picture to write: gait, motion, and the objective around the optimum.")
 ]
@@ -175,6 +176,7 @@ def optimise_command(
     seed: _Seed = 0,
     as_json: _AsJson = False,
     out: _Out = None,
+    table: _Table = None,
     png: _Png = None,
     force: ForceOption = False,
 ) -> None:
@@ -187,7 +189,7 @@ def optimise_command(
     --seconds, or Ctrl-C (then with exit status 130), the best gait so far is the result.
     """
     require("cma", *(["matplotlib"] if png is not None else []))
-    _check_outputs(out, png, force, compromises)
+    _check_outputs(out, table, png, force, compromises)
     _check_combinations(robust, robust_to, robust_of, compromises, objective, target)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
@@ -229,8 +231,8 @@ def optimise_command(
             found = optimise(loaded, objective.value, progress=_tell(progress), target=motion, **limits)
     drive = found.points[0].scene.document()["drive"] if isinstance(found, Front) else found.scene.document()["drive"]
     note_left_out(loaded, drive)
-    _write(found, out, png)
-    _print(found, as_json, {"scene": out, "picture": png})
+    _write(found, out, table, png)
+    _print(found, as_json, {"scene": out, "table": table, "picture": png})
     if found.interrupted:
         raise typer.Exit(130)
 
@@ -260,10 +262,11 @@ def _ask_about_units(strokes: dict[str, tuple[float, float]], scene: Scene) -> N
             print(f"crawler: {text}", file=sys.stderr)
 
 
-def _check_outputs(out: Path | None, png: Path | None, force: bool, compromises: bool) -> None:
-    if compromises and out is not None:
-        raise CrawlerError("--out: with --pareto there are several gaits; --json prints the drives of all")
-    check_output("--out", out, ".yaml", force)
+def _check_outputs(out: Path | None, table: Path | None, png: Path | None, force: bool, compromises: bool) -> None:
+    for option, file, suffixes in (("--out", out, (".yaml",)), ("--table", table, (".csv", ".md"))):
+        if compromises and file is not None:
+            raise CrawlerError(f"{option}: with --pareto there are several gaits; --json prints the drives of all")
+        check_output(option, file, suffixes, force)
     check_output("--png", png, PICTURES, force)
 
 
@@ -279,12 +282,16 @@ def _print(found: Front | Optimum, as_json: bool, written: dict[str, Path | None
     screen.print("\n".join(lines), markup=False)
 
 
-def _write(found: Front | Optimum, out: Path | None, png: Path | None) -> None:
-    """Write the scene and the picture that were asked for."""
+def _write(found: Front | Optimum, out: Path | None, table: Path | None, png: Path | None) -> None:
+    """Write the scene, the table and the picture that were asked for."""
+    from ..optimise.gait_table import format_gait
     from ..optimise.pareto import Front
 
     if not isinstance(found, Front) and out is not None:
         write_scene(found.scene, out)
+    if not isinstance(found, Front) and table is not None:
+        with whole_file(table) as part:
+            part.write_text(format_gait(found.scene, table.suffix), encoding="utf-8")
     if png is not None:
         from crawler_command.units import unit_of
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..optimise.gait_table import describe_gait, name_number
+
 if TYPE_CHECKING:
     from crawler_model import Scene
 
@@ -51,10 +53,12 @@ def describe_optimum(found: Optimum) -> list[str]:
     if found.gain <= 0.0 and found.objective not in _MOVES:
         lines.append("no gait within these bounds was found that moves forward")
     lines += [_describe_numbers(found), _describe_pace(found)]
-    shown = list(zip(found.names, found.values, strict=True))
+    shown = [pair for pair in zip(found.names, found.values, strict=True) if not pair[0].startswith("drive.")]
     lines += [f"  {name} = {value:.6g}" for name, value in shown[:_SHOWN_ROWS]]
     if len(shown) > _SHOWN_ROWS:
         lines.append(f"  ... and {len(shown) - _SHOWN_ROWS} more unknowns")
+    if len(shown) < len(found.names):
+        lines += describe_gait(found.scene, _SHOWN_ROWS)
     slope = "one-sided derivatives" if not found.differentiable else "differentiable"
     if not math.isnan(found.gradient_norm):
         slope = f"{slope}, projected gradient {found.gradient_norm:.1e}"
@@ -66,7 +70,8 @@ def describe_optimum(found: Optimum) -> list[str]:
     )
     if found.flat:
         more = " ..." if len(found.flat) > 4 else ""
-        lines.append(f"{len(found.flat)} unknowns change nothing near it: {', '.join(found.flat[:4])}{more}")
+        flat = ", ".join(name_number(found.scene, name) for name in found.flat[:4])
+        lines.append(f"{len(found.flat)} unknowns change nothing near it: {flat}{more}")
     if found.alternatives:
         lines.append("other local optima: " + ", ".join(f"{one.value:.6g}{unit}" for one in found.alternatives))
     for weakness in found.weaknesses:

@@ -58,9 +58,9 @@ def test_keys_have_units(figure):
     profiles, plane = panel(figure, "around the optimum (dots)"), panel(figure, "around the optimum (circle)")
     keys = [text.get_text() for text in profiles.get_legend().get_texts()]
     assert len(keys) == 4
-    assert all(key.startswith("drive.actuation[") and key.endswith(", \u22120.01 .. 0.01 m") for key in keys)
-    assert plane.get_xlabel().endswith("] [m]")
-    assert plane.get_ylabel().endswith("] [m]")
+    assert all(key.startswith("length of link_") and key.endswith(", \u22120.01 .. 0.01 m") for key in keys)
+    assert plane.get_xlabel().endswith(" s [m]")
+    assert plane.get_ylabel().endswith(" s [m]")
 
 
 def test_the_legend_of_a_small_body_covers_nothing_beside_its_panel():
