@@ -1,8 +1,8 @@
-"""The node `plan`: a controller that follows a path of the net translation by plans over a receding horizon.
+"""The node `plan`: a controller that follows a path of places by plans over a receding horizon.
 
 At the end of each step it reads the displacements of all contacts from `joint_states`, estimates friction and loads,
-optimises the rest lengths of the next steps over the exact model, and sends them on `joint_trajectory`: in lock-step
-the first step, in real time the whole plan, which goes on where the next one comes too late.
+optimises the rest lengths and angles of the next steps over the model, and sends them on `joint_trajectory`: in
+lock-step the first step, in real time the whole plan, which goes on where the next one comes too late.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 from ..answering_node import AnsweringNode, described
 from ..optimise.request import find_strokes
-from .horizon import Limits
+from .limits import Limits
 from .robot import build_robot
 from .tracker import Tracker, read_path
 
@@ -53,7 +53,7 @@ class PlanNode(AnsweringNode):
         text = ParameterDescriptor(description="Scene file or gallery name.", read_only=True)
         scene = load_scene(expand_home(self.declare_parameter("scene", "three_contacts_one_way", text).value))
         speed = self.declare_parameter("speed", 0.01, _within(-1e3, 1e3)).value
-        path = self.declare_parameter("path", [0.0, 0.0], described("Times, s, and places, m, in turn.")).value
+        path = self.declare_parameter("path", [0.0, 0.0], described("Times, s, and places, m, rad, in turn.")).value
         rate = self.declare_parameter("rate", 20.0, _within(1e-3, 1e3)).value
         count = ParameterDescriptor(integer_range=[IntegerRange(from_value=2, to_value=100)], read_only=True)
         horizon = int(self.declare_parameter("horizon", 16, count).value)
@@ -66,7 +66,9 @@ class PlanNode(AnsweringNode):
         self._lock_step = self.declare_parameter("lock_step", False, described("Send one step at a time.")).value
         self._duration = round(self.declare_parameter("duration", 0.0, _within(0.0, 1e9)).value * NS)
         robot, limits = build_robot(scene), build_limits(scene, stroke, fastest / rate, effort)
-        self.tracker = Tracker(robot, limits, read_path(speed, path), round(NS / rate), horizon, noise)
+        self.tracker = Tracker(
+            robot, limits, read_path(speed, path, scene.body.turning is not None), round(NS / rate), horizon, noise
+        )
         self.tracker.warm_up(scene.start_displacement)
         self._lead = 0 if self._lock_step else self.tracker.step_ns
         self._moved = np.flatnonzero(limits.high > limits.low)
@@ -91,7 +93,7 @@ class PlanNode(AnsweringNode):
         if self._end < 0:
             self._end = now + self._lead
             if self._lock_step and self._delay:  # so that the first state is as late as all others
-                self.send(self._message.encode(0, [self._delay], [self.tracker.robot.base[self._moved]]))
+                self.send(self._message.encode(0, [self._delay], [self.tracker.robot.before[self._moved]]))
         if now < self._end - self._lead - _SLACK_NS:
             return
         try:
@@ -108,7 +110,9 @@ class PlanNode(AnsweringNode):
             )
         self.tracker.see(self._last_ns, np.array(message.position))
         if 0 < self._duration <= self.tracker.passed_ns:
-            self.report(f"done at {self._last_ns / NS:g} s, net translation {self.tracker.net_translation:.17g} m")
+            y, *more = self.tracker.place.tolist()
+            place = f"{y:.17g} m" if not more else f"{y:.17g}, {more[0]:.17g} m, yaw {more[1]:.17g} rad"
+            self.report(f"done at {self._last_ns / NS:g} s, net translation {place}")
             self.done.set()
             return
         step, count = self.tracker.step_ns, self.tracker.steps
@@ -142,8 +146,8 @@ def build_limits(scene: Scene, stroke: float, change: float, effort: float) -> L
 
     Args:
         scene: the scene.
-        stroke: largest rest length of each link, from 0 on [m]; 0 for the range of the drive of the scene.
-        change: largest change in a step [m]; 0 for a fifth of the longest stroke.
+        stroke: largest rest length of each link, from 0 on [m], or angle; 0 for the range of the drive of the scene.
+        change: largest change in a step [m, rad]; 0 for a fifth of the longest stroke of the links, and of the joints.
         effort: see `Limits`.
 
     Returns:
@@ -153,10 +157,13 @@ def build_limits(scene: Scene, stroke: float, change: float, effort: float) -> L
         SceneError: if no link moves.
     """
     moves, bounds = find_strokes(scene, (0.0, stroke) if stroke > 0.0 else None)
-    low = scene.drive.targets[0, : scene.body.springs].copy()
+    low = scene.drive.targets[0, : scene.body.lengths].copy()
     high = low.copy()
     low[moves], high[moves] = np.array(bounds).T
-    return Limits(low, high, np.full(low.size, change or 0.2 * float((high - low).max())), effort)
+    most = np.empty(low.size)
+    for kind in (slice(scene.body.springs), slice(scene.body.springs, None)):
+        most[kind] = change or 0.2 * float((high - low)[kind].max(initial=0.0))
+    return Limits(low, high, most, effort)
 
 
 def _within(least: float, most: float) -> Any:

@@ -1,200 +1,163 @@
-"""Paths of a body on a line from a measured state, with exact derivatives, under friction and loads by factors."""
+"""The contract of the robots for which plans are made, and the choice of the robot of a scene.
+
+The implementations are `line_robot` for bodies on a line and `plane_robot` for bodies that turn. A place is what a path
+is made of: the net translation [m], in the plane x and y [m] and the yaw [rad], D numbers.
+"""
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass
-from types import SimpleNamespace
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
-from crawler_model.crawler.method import default_budget
-from crawler_model.errors import CommandError, SceneError
-from crawler_model.motion.follow import build_motion
-from crawler_model.motion.state import OVERSPENT, UNSOLVED, empty_account
+from crawler_model.errors import SceneError
 from crawler_model.scene.scene import Scene
 
-from ..derivative.parameters import Derivatives, collect_pieces
-from ..derivative.tangent_path import TangentPath, Vertices
 
-
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """A body on a line, and what friction factors and loads make of its bounds.
-
-    Attributes:
-        scene: its scene.
-        base: the target in force at the start, loads left out, shape (S + 2 N,) [m, N].
-        slope: loads of the scene, shape (N,) [N].
-    """
-
-    scene: Scene
-    base: np.ndarray
-    slope: np.ndarray
+class Start(Protocol):
+    """A body at rest, from which paths begin."""
 
     @property
-    def contacts(self) -> int:
-        """Number of contacts N."""
-        return self.scene.body.contacts
+    def robot(self) -> Robot:
+        """The robot."""
 
     @property
-    def springs(self) -> int:
-        """Number of springs S, one for each link."""
-        return self.scene.body.springs
+    def x(self) -> np.ndarray:
+        """Displacement, shape (N,), in the plane (N, 2) [m]."""
 
     @property
-    def nominal(self) -> np.ndarray:
-        """Factors of forward and backward friction, 1, and additional loads, 0 N, shape (2 + N,)."""
-        return np.append([1.0, 1.0], np.zeros(self.contacts))
-
-    @functools.cached_property
-    def motion(self) -> Any:
-        """The motion of the body."""
-        return build_motion(self.scene)
-
-    @functools.cached_property
-    def scratch(self) -> Any:
-        """The memory in which it works."""
-        return self.motion.scratch()
-
-    @functools.cached_property
-    def joints_by_contacts(self) -> np.ndarray:
-        """Derivatives of the positions in joint_states with respect to displacements, shape (1 + J, N)."""
-        body, unit = self.scene.body, np.eye(self.contacts)
-        return np.vstack((unit[body.isolated[:1]], body.joint_sum(unit[body.ends[:, 1]] - unit[body.ends[:, 0]])))
-
-    @functools.cached_property
-    def contacts_by_joints(self) -> np.ndarray:
-        """The inverse of it, shape (N, 1 + J)."""
-        return np.linalg.pinv(self.joints_by_contacts)
-
-    @functools.cached_property
-    def bounds_by_factors(self) -> np.ndarray:
-        """Derivatives of the bounds with respect to the factors, shape (2 N, 2 + N)."""
-        n = self.contacts
-        found = np.zeros((2 * n, 2 + n))
-        forward, backward = self.base[self.springs :].reshape(2, n)
-        found[:n, 0], found[n:, 1] = forward + self.slope, backward - self.slope
-        found[:n, 2:], found[n:, 2:] = -np.eye(n), np.eye(n)
-        return found
-
-    def begin(self, x: np.ndarray, before: np.ndarray, factors: np.ndarray) -> Start:
-        """Place the body at rest at the start of paths.
-
-        Friction at the start is at least what the springs prove: with less the body would not be at rest. It changes to
-        what the factors say in the first ramp.
-
-        Args:
-            x: displacement, shape (N,) [m].
-            before: rest lengths in force, shape (S,) [m].
-            factors: friction factors and loads as in `nominal`, shape (2 + N,).
-
-        Returns:
-            The start.
-        """
-        held = self.bounds_by_factors @ factors + np.concatenate((-self.slope, self.slope))
-        state = self.motion.start(x, np.concatenate((before, held)))
-        force = self.scene.body.spring_force(state.tension)
-        target = np.concatenate((before, np.maximum(held, np.concatenate((force, -force)))))
-        return Start(self, x, target, held, self.motion.start(x, target))
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """A body at rest, from which paths begin.
-
-    Attributes:
-        robot: the body.
-        x: displacement, shape (N,) [m].
-        target: the target in force, shape (S + 2 N,) [m, N].
-        held: bounds from the first ramp on, shape (2 N,) [N].
-        state: the state of its motion.
-    """
-
-    robot: Robot
-    x: np.ndarray
-    target: np.ndarray
-    held: np.ndarray
-    state: Any
-
-    def build_targets(self, rows: np.ndarray) -> np.ndarray:
-        """Build targets of rest lengths that are reached one after another.
-
-        Args:
-            rows: the lengths, shape (V, S) [m].
-
-        Returns:
-            Shape (V, S + 2 N) [m, N].
-        """
-        return np.hstack((rows, np.tile(self.held, (rows.shape[0], 1))))
+    def before(self) -> np.ndarray:
+        """Rest lengths and angles in force, shape (J,) [m, rad]."""
 
     def follow(self, rows: np.ndarray) -> np.ndarray:
         """Follow a path.
 
         Args:
-            rows: rest lengths that are reached one after another, shape (V, S) [m].
+            rows: rest lengths and angles that are reached one after another, shape (V, J) [m, rad].
 
         Returns:
-            Displacement after each ramp, shape (V, N) [m].
+            Displacement after each ramp, shape (V, N), in the plane (V, N, 2) [m].
 
         Raises:
-            CommandError: if nothing holds the body, or a ramp is not followed exactly.
+            CommandError: if a ramp cannot be followed.
         """
-        robot, n, account = self.robot, self.x.size, empty_account()
-        records = np.empty((rows.shape[0], 2 * n + self.robot.springs))
-        targets, budget = self.build_targets(rows), default_budget(robot.scene.body)
-        robot.motion.follow(self.state.copy(), robot.scratch, targets, True, budget, account, records)
-        if account[UNSOLVED] + account[OVERSPENT]:
-            raise CommandError("a ramp is not followed exactly")
-        return records[:, :n] + records[:, n : 2 * n]
 
-    def differentiate(self, rows: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Follow a path with the derivatives of its displacements, exact through stick and slip.
+    def differentiate_places(self, rows: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Follow a path with the derivatives of its places with respect to its rows.
 
         Args:
-            rows: rest lengths that are reached one after another, shape (V, S) [m].
-            by: derivatives of the targets, that of the start first, with respect to P unknowns, shape (1 + V, S + 2 N,
-                P).
+            rows: as for `follow`.
+            moved: the M numbers of a row that change.
 
         Returns:
-            Displacement after each ramp, shape (V, N) [m], and its derivatives, shape (V, N, P).
+            The place after each ramp, shape (V, D), and its derivatives with respect to the moved numbers of each row
+            in turn, shape (V, D, V M).
 
         Raises:
-            CommandError: if a ramp is not followed exactly.
+            CommandError: if a ramp cannot be followed, or has no derivatives.
         """
-        body, count, unknowns = self.robot.scene.body, rows.shape[0], by.shape[2]
-        nothing, still = np.zeros(unknowns), np.zeros((count + 1, unknowns))
-        stiffness, pieces = np.zeros((body.springs, unknowns)), np.zeros((*collect_pieces(body).shape, unknowns))
-        start = np.zeros((body.contacts, unknowns))
-        derivatives = Derivatives(("",) * unknowns, nothing, stiffness, pieces, by, start, still, nothing)
-        targets = np.vstack((self.target, self.build_targets(rows)))
-        drive = SimpleNamespace(targets=targets)
-        plan: Any = SimpleNamespace(body=body, ground=self.robot.scene.ground, drive=drive, start_displacement=self.x)
-        at = np.arange(1, count + 1)
-        vertices = Vertices(at, at, at, np.zeros(count), still[1:], still[1:], targets[1:])
-        stretch = TangentPath(plan, derivatives).follow_vertices(vertices)
-        return stretch.x + stretch.rest, stretch.dx
+
+
+class Robot(Protocol):
+    """A body, and what factors of its friction and additional loads make of it."""
+
+    @property
+    def scene(self) -> Scene:
+        """Its scene."""
+
+    @property
+    def before(self) -> np.ndarray:
+        """Rest lengths and angles at the start of the scene, shape (J,) [m, rad]."""
+
+    @property
+    def scale(self) -> np.ndarray:
+        """Length that an error of each number of a place counts for, shape (D,) [1, m/rad]."""
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Factors as in the scene: first F of friction, 1, then additional loads, 0 N, shape (P,)."""
+
+    @property
+    def frictions(self) -> int:
+        """Number of factors of friction F."""
+
+    @property
+    def prior(self) -> np.ndarray:
+        """What is expected of factors before anything was seen: prior @ (factors - nominal) has variances of 1."""
+
+    @property
+    def remembers(self) -> int:
+        """Number of states from which the factors are estimated."""
+
+    def read(self, positions: np.ndarray) -> np.ndarray:
+        """Compute displacements from the positions in joint_states [m, rad], shape (N,), in the plane (N, 2) [m]."""
+
+    def locate(self, x: np.ndarray) -> np.ndarray:
+        """Compute places from displacements, shape (..., D)."""
+
+    def miss(self, place: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Compute by how much places differ from those wanted, shape (..., D) [m, rad]."""
+
+    def begin(self, x: np.ndarray, before: np.ndarray, factors: np.ndarray) -> Start:
+        """Place the body at rest at the start of paths.
+
+        Friction at the start is at least what the springs prove: with less the body would not be at rest. It changes to
+        what the factors give in the first ramp.
+
+        Args:
+            x: displacement, shape (N,), in the plane (N, 2) [m].
+            before: rest lengths and angles in force, shape (J,) [m, rad].
+            factors: as in `nominal`, shape (P,).
+
+        Returns:
+            The start.
+        """
+
+    def differentiate_factors(
+        self, x: np.ndarray, before: np.ndarray, rows: np.ndarray, factors: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Follow a path with the derivatives of its displacements with respect to the factors.
+
+        Args:
+            x: displacement at its start, shape (N,), in the plane (N, 2) [m].
+            before: rest lengths and angles in force there, shape (J,) [m, rad].
+            rows: as for `Start.follow`.
+            factors: as in `nominal`, shape (P,).
+
+        Returns:
+            Displacement after each ramp, shape (V, N), in the plane (V, N, 2) [m], and its derivatives, with a further
+            axis (P,).
+
+        Raises:
+            CommandError: as `Start.differentiate_places`.
+        """
+
+    def describe(self, factors: np.ndarray) -> str:
+        """Describe factors in a line."""
 
 
 def build_robot(scene: Scene) -> Robot:
     """Build the robot of a scene.
 
     Args:
-        scene: a body of contacts and links on a line, on ground that is the same everywhere.
+        scene: a body that turns, or a body of contacts and links on a line, on ground that is the same everywhere.
 
     Returns:
         The robot.
 
     Raises:
-        SceneError: if joint_states does not show the state of the body, or paths have no exact derivatives.
+        SceneError: if no plans are made for such a body.
     """
+    if scene.body.turning is not None:
+        from .plane_robot import build_plane_robot
+
+        return build_plane_robot(scene)
     reason = scene.inexact or ("has segments" if scene.body.segments else "")
     if reason:
         raise SceneError(
-            f"scene: {scene.name} {reason}; plans are made for contacts and links on a line, without memory, on ground "
-            "that is the same everywhere"
+            f"scene: {scene.name} {reason}; plans are made for bodies that turn, and on a line for contacts and links "
+            "without memory, on ground that is the same everywhere"
         )
-    first, n = scene.drive.targets[0], scene.body.contacts
-    size = scene.body.springs + 2 * n
-    return Robot(scene, first[:size].copy(), first[size:].copy() if first.size > size else np.zeros(n))
+    from .line_robot import build_line_robot
+
+    return build_line_robot(scene)

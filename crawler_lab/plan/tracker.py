@@ -13,17 +13,16 @@ from crawler_model.body.drive import NS
 from crawler_model.errors import CommandError
 
 from .estimate import Window, estimate
-from .horizon import Limits, Problem, find_plan
+from .horizon import Problem, find_plan
+from .limits import Limits
 from .robot import Robot
 
 Path = Callable[[np.ndarray], np.ndarray]
-"""From times since the first state, shape (K,) [s], to net translations since then, shape (K,) [m]."""
-_SEEN = 40
-"""States from which friction and loads are estimated."""
+"""From times since the first state, shape (K,) [s], to the place since then, shape (K, D) [m, rad]."""
 
 
 class Tracker:
-    """Follows a path of the net translation with a robot whose friction and loads are not known.
+    """Follows a path with a robot whose friction and loads are not known.
 
     Attributes:
         robot: the body.
@@ -51,18 +50,18 @@ class Tracker:
         """Forget all that was seen, as at the start of a run."""
         self.factors = self.robot.nominal
         self._seen: list[tuple[int, np.ndarray]] = []
-        self._times, self._rows = [0], [self.robot.base[: self.robot.springs]]
-        self._start_ns, self._origin = 0, 0.0
-        self._errors = np.zeros(3)  # their number, sum of squares, largest
+        self._times, self._rows = [0], [self.robot.before]
+        self._start_ns, self._origin = 0, np.zeros(self.robot.scale.size)
+        self._missed: list[np.ndarray] = []
 
     def warm_up(self, x: np.ndarray) -> None:
         """Compile what plans need.
 
         Args:
-            x: displacement at the start, shape (N,) [m].
+            x: displacement at the start, shape (N,), in the plane (N, 2) [m].
         """
         for k in range(4):
-            self.see(k * self.step_ns, self.robot.joints_by_contacts @ x)
+            self._see(k * self.step_ns, x)
             self.plan(k * self.step_ns)
         self.restart()
 
@@ -71,15 +70,16 @@ class Tracker:
 
         Args:
             stamp_ns: when it was, later than the one before [ns].
-            positions: as in joint_states, shape (1 + J,) [m].
+            positions: as in joint_states, shape (1 + J,), of bodies that turn more [m, rad].
         """
-        x = self.robot.contacts_by_joints @ positions
-        y = float(self.robot.scene.body.share @ x)
+        self._see(stamp_ns, self.robot.read(positions))
+
+    def _see(self, stamp_ns: int, x: np.ndarray) -> None:
+        place = self.robot.locate(x)
         if not self._seen:
-            self._start_ns, self._origin = stamp_ns, y
-        self._seen = [*self._seen[-_SEEN:], (stamp_ns, x)]
-        error = abs(y - float(self._wanted(np.array([stamp_ns]))[0]))
-        self._errors[:] = self._errors[0] + 1.0, self._errors[1] + error * error, max(self._errors[2], error)
+            self._start_ns, self._origin = stamp_ns, place
+        self._seen = [*self._seen[-self.robot.remembers :], (stamp_ns, x)]
+        self._missed.append(self.robot.miss(place, self._wanted(np.array([stamp_ns]))[0]))
 
     def plan(self, begin_ns: int, stop: Callable[[], bool] = lambda: False) -> np.ndarray:
         """Plan from the last state.
@@ -89,7 +89,7 @@ class Tracker:
             stop: whether no time is left, see `find_plan`.
 
         Returns:
-            Rest lengths at the ends of the steps, shape (H, S) [m].
+            Rest lengths and angles at the ends of the steps, shape (H, J) [m, rad].
         """
         if len(self._seen) > 2:
             self.factors = estimate(self.robot, self._build_window(), self.factors, self._noise)
@@ -113,18 +113,18 @@ class Tracker:
         return self._seen[-1][0] - self._start_ns
 
     @property
-    def net_translation(self) -> float:
-        """Net translation in the last state [m]."""
-        return float(self.robot.scene.body.share @ self._seen[-1][1])
+    def place(self) -> np.ndarray:
+        """Place in the last state, shape (D,) [m, rad]."""
+        return self.robot.locate(self._seen[-1][1])
 
     def describe(self) -> str:
         """Describe how well the path was followed, and what was estimated, in a line."""
-        count, squares, largest = self._errors
-        forward, backward, *loads = self.factors.tolist()
+        missed = np.array(self._missed)
+        way = np.hypot(*missed[:, :2].T) if missed.shape[1] > 1 else np.abs(missed[:, 0])
+        angle = "" if missed.shape[1] == 1 else f"; of the yaw {np.sqrt(np.mean(np.square(missed[:, 2]))):.3g} rad"
         return (
-            f"error {(squares / max(count, 1.0)) ** 0.5:.3g} m (root mean square), at most {largest:.3g} m; friction "
-            f"forward {forward:.3f}, backward {backward:.3f} of the scene's, loads "
-            f"{', '.join(f'{load:.4f}' for load in loads)} N"
+            f"error {np.sqrt(np.mean(np.square(way))):.3g} m (root mean square), at most {way.max():.3g} m{angle}; "
+            f"{self.robot.describe(self.factors)}"
         )
 
     def _wanted(self, times_ns: np.ndarray) -> np.ndarray:
@@ -143,7 +143,7 @@ class Tracker:
         self._rows = [*self._rows[first:old], now, *rows]
 
     def _command_at(self, ns: int) -> np.ndarray:
-        """Return the rest lengths in force at a time, shape (S,) [m]."""
+        """Return the rest lengths and angles in force at a time, shape (J,) [m, rad]."""
         k = bisect.bisect_right(self._times, ns)
         if k in (0, len(self._times)):
             return self._rows[max(k - 1, 0)]
@@ -151,30 +151,36 @@ class Tracker:
         return self._rows[k - 1] + (ns - begin) / (end - begin) * (self._rows[k] - self._rows[k - 1])
 
     def _commands_between(self, after_ns: int, until_ns: int) -> np.ndarray:
-        """Return the rest lengths at the waypoints between two times, and at the second, shape (V, S) [m]."""
+        """Return those at the waypoints between two times, and at the second, shape (V, J) [m, rad]."""
         k, m = bisect.bisect_right(self._times, after_ns), bisect.bisect_left(self._times, until_ns)
         return np.array([*self._rows[k:m], self._command_at(until_ns)])
 
 
-def read_path(speed: float, path: Any) -> Path:
+def read_path(speed: float, path: Any, turns: bool = False) -> Path:
     """Read the path that is to be followed.
 
     Args:
-        speed: of the net translation [m/s].
-        path: times [s] and net translations [m] in turn; a single one leaves it to the speed.
+        speed: of the net translation, in the plane along x [m/s].
+        path: times [s] and places in turn: net translations [m], of bodies that turn x, y [m] and yaw [rad]; a single
+            one leaves it to the speed.
+        turns: whether the body turns.
 
     Returns:
         The path.
 
     Raises:
-        CommandError: if it is no list of pairs, or times do not increase from 0.
+        CommandError: if numbers are missing, or times do not increase from 0.
     """
-    numbers = np.array(path, dtype=np.float64)
-    if numbers.size % 2 or not numbers.size or not np.isfinite(numbers).all():
-        raise CommandError(
-            f"path: {numbers.tolist()}; it must be times (s) and places (m) in turn, as [0.0, 0.0, 9.0, 0.1]"
-        )
-    times, places = numbers[::2], numbers[1::2]
+    numbers, size = np.array(path, dtype=np.float64), 4 if turns else 2
+    if turns and numbers.tolist() == [0.0, 0.0]:  # the default, of all bodies
+        numbers = np.zeros(4)
+    if numbers.size % size or not numbers.size or not np.isfinite(numbers).all():
+        right = "x (m), y (m) and yaw (rad) in turn, as [0.0, 0.0, 0.0, 0.0, 9.0, 0.1, 0.0, 0.0]"
+        right = right if turns else "places (m) in turn, as [0.0, 0.0, 9.0, 0.1]"
+        raise CommandError(f"path: {numbers.tolist()}; it must be times (s) and {right}")
+    times, places = numbers[::size], numbers.reshape(-1, size)[:, 1:]
     if times[0] != 0.0 or (np.diff(times) <= 0.0).any():
         raise CommandError(f"path: its times are {times.tolist()} s; they must increase from 0")
-    return (lambda at: places[0] + speed * at) if times.size == 1 else (lambda at: np.interp(at, times, places))
+    if times.size == 1:
+        return lambda at: places + np.multiply.outer(speed * at, np.eye(size - 1)[0])
+    return lambda at: np.column_stack([np.interp(at, times, each) for each in places.T])

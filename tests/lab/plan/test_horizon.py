@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from crawler_lab.plan.horizon import Limits, Problem, find_plan, solve_within
+from crawler_lab.plan.horizon import Problem, find_plan, solve_within
+from crawler_lab.plan.limits import Limits
 from crawler_lab.plan.robot import build_robot
 from crawler_model import Crawler, Scene, SceneError, load_scene, simulate
 
@@ -23,7 +24,7 @@ def test_one_step_is_the_command_of_the_closed_form(wanted):
     robot = build_robot(load_scene("two_contacts_anisotropic"))
     (stiffness,), mu_plus = robot.scene.body.stiffness, robot.base[1]
     start = robot.begin(np.zeros(2), np.zeros(1), robot.nominal)
-    problem = Problem(start, limits(1, change=0.1, effort=1e-6), np.array([wanted]))
+    problem = Problem(start, limits(1, change=0.1, effort=1e-6), np.array([[wanted]]))
     rows = find_plan(problem, np.zeros((1, 1)))
     assert rows[0, 0] == pytest.approx(2.0 * wanted + mu_plus / stiffness, abs=1e-9)
     assert start.follow(rows)[0] @ robot.scene.body.share == pytest.approx(wanted, abs=1e-9)
@@ -37,10 +38,10 @@ def test_it_follows_a_path_better_than_the_gait_of_the_same_speed():
     errors = []
     for k in range(60):
         start = robot.begin(crawler.displacement, crawler.actuation, robot.nominal)
-        wanted = speed * STEP_S * (k + np.arange(1, 13))
+        wanted = speed * STEP_S * (k + np.arange(1, 13))[:, None]
         rows = find_plan(Problem(start, limits(2), wanted), np.vstack((rows[1:], rows[-1:])))
         crawler.advance(rows[0])
-        errors.append(crawler.net_translation - wanted[0])
+        errors.append(crawler.net_translation - wanted[0, 0])
         assert (np.abs(np.diff(np.vstack((crawler.commanded, rows[1:])), axis=0)) <= 0.02 + 1e-12).all()
         assert (rows >= 0.0).all()
         assert (rows <= 0.1).all()
@@ -56,19 +57,19 @@ def test_it_follows_a_path_better_than_the_gait_of_the_same_speed():
 def test_a_plan_that_rests_is_left_where_every_gait_goes_too_far():
     """The body of 1 m goes 0.5 m in a stroke; 1 mm is reached by the closed form of the first slip."""
     robot = build_robot(load_scene("tendon_worm"))
-    wanted = np.linspace(0.0005, 0.005, 10)
+    wanted = np.linspace(0.0005, 0.005, 10)[:, None]
     pulled = Limits(np.full(1, -1.0), np.zeros(1), np.full(1, 0.2), 0.001)
     problem = Problem(robot.begin(np.zeros(2), np.zeros(1), robot.nominal), pulled, wanted)
     rows = find_plan(problem, np.zeros((10, 1)))
     assert problem.rests(np.zeros((10, 1)))
-    assert problem.start.follow(rows)[-1] @ robot.scene.body.share == pytest.approx(wanted[-1], abs=1e-3)
+    assert problem.start.follow(rows)[-1] @ robot.scene.body.share == pytest.approx(wanted[-1, 0], abs=1e-3)
 
 
 def test_without_time_the_last_plan_goes_on():
     robot = build_robot(load_scene("three_contacts_one_way"))
     start = robot.begin(np.zeros(3), np.zeros(2), robot.nominal)
     last = np.linspace(0.0, 0.06, 8).reshape(4, 2)
-    assert np.array_equal(find_plan(Problem(start, limits(2), np.full(4, 0.1)), last, lambda: True), last)
+    assert np.array_equal(find_plan(Problem(start, limits(2), np.full((4, 1), 0.1)), last, lambda: True), last)
 
 
 @pytest.mark.parametrize("scene", ["three_contacts_one_way", "three_contacts_two_ways"])
@@ -100,7 +101,7 @@ def test_least_squares_within_bounds_agree_with_scipy(seed):
 
 @pytest.mark.parametrize(
     ("scene", "reason"),
-    [("steering_inchworm", "is in the plane"), ("ice", "has ground.patches"), ("peristaltic_segment", "has segments")],
+    [("planar_rectilinear", "is in the plane"), ("ice", "has ground.patches"), ("peristaltic_segment", "has segments")],
 )
 def test_bodies_without_exact_derivatives_are_refused(scene, reason):
     with pytest.raises(SceneError, match=reason):

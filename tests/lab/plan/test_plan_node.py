@@ -66,7 +66,10 @@ def test_it_follows_a_path_of_waypoints_in_real_time(tmp_path):
 @pytest.mark.parametrize(
     ("parameter", "text"),
     [
-        ("scene:=steering_inchworm", "plan: scene: steering_inchworm is in the plane; plans are made for contacts"),
+        (
+            "scene:=planar_rectilinear",
+            "plan: scene: planar_rectilinear is in the plane; plans are made for bodies that turn",
+        ),
         ("path:=[0.0, 0.0, 2.0]", "plan: path: [0.0, 0.0, 2.0]; it must be times (s) and places (m) in turn"),
         ("rate:=0.0", "plan: "),
     ],
@@ -82,4 +85,27 @@ def test_a_mistake_is_one_line(tmp_path, parameter, text):
 def test_times_of_a_path_increase():
     with pytest.raises(CommandError, match=re.escape("its times are [0.0, 0.0] s; they must increase from 0")):
         read_path(0.0, [0.0, 0.0, 0.0, 1.0])
-    assert read_path(0.0, [0.0, 0.0, 2.0, 1.0])(np.array([1.0, 5.0])).tolist() == [0.5, 1.0]
+    assert read_path(0.0, [0.0, 0.0, 2.0, 1.0])(np.array([1.0, 5.0])).tolist() == [[0.5], [1.0]]
+
+
+def test_a_path_of_bodies_that_turn_has_poses():
+    poses = read_path(0.0, [0.0, 0.0, 0.0, 0.0, 2.0, 1.0, 0.4, 0.2], turns=True)
+    assert poses(np.array([1.0, 5.0])).tolist() == [[0.5, 0.2, 0.1], [1.0, 0.4, 0.2]]
+    assert read_path(0.1, [0.0, 0.0], turns=True)(np.array([2.0])).tolist() == [[0.2, 0.0, 0.0]]
+    with pytest.raises(
+        CommandError, match=re.escape("path: [0.0, 0.0, 2.0, 1.0, 0.1]; it must be times (s) and x (m)")
+    ):
+        read_path(0.0, [0.0, 0.0, 2.0, 1.0, 0.1], turns=True)
+
+
+def test_a_body_that_turns_follows_poses_in_lock_step_to_the_bit(tmp_path):
+    path = "path:=[0.0, 0.0, 0.0, 0.0, 10.0, 1.0, 0.04, 0.08]"
+    of_controller = ("scene:=steering_inchworm", path, "stroke:=0.3", "rate:=4.0", "horizon:=8", "duration:=3.0")
+    runs = [
+        follow(tmp_path / name, ("scene:=steering_inchworm", "lock_step:=true"), (*of_controller, "lock_step:=true"))
+        for name in ("first", "again")
+    ]
+    (said, run), (_, again) = runs
+    assert float(re.search(r"done at 3 s.* yaw (\S+) rad: error", said)[1]) == pytest.approx(0.024, abs=0.02)
+    assert run[run[:, 0] == 3.0][0, 1] == pytest.approx(0.3, abs=0.01)
+    assert np.array_equal(run[:300], again[:300])
