@@ -7,7 +7,7 @@ import numpy as np
 from .limits import Limits
 from .robot import Start
 
-_PHASES = 8
+_PHASES_OF_LINK, _MOST_PHASES = 4, 16
 _STROKES = (0.25, 0.5, 1.0)
 """Parts of the stroke of gaits of links one after another [1]."""
 _PHASES_OF_DRIVE = 2
@@ -35,17 +35,17 @@ def _list_sequences(_: Start, limits: Limits, count: int) -> list[np.ndarray]:
     """List gaits in which links lengthen one after another and shorten in the same order."""
     span = limits.high - limits.low
     moved = np.flatnonzero(span > 0.0)
+    phases = min(_PHASES_OF_LINK * moved.size, _MOST_PHASES)
     found = []
     for part in _STROKES:
         steps = max(float((part * span[moved] / limits.change[moved]).max()), 0.5)  # for one stroke
-        places = np.arange(2 * moved.size * _PHASES // 4) * (4.0 / _PHASES)
+        turn = np.arange(1, count + 1)[:, None] / steps - np.arange(moved.size)
+        places = 2.0 * moved.size * np.arange(phases) / phases
         for order in (moved, moved[::-1]):
             for place in places:
-                turn = np.mod(place + np.arange(1, count + 1) / steps, 2.0 * moved.size)
+                since = np.mod(place + turn, 2.0 * moved.size)
                 rows = np.tile(limits.low, (count, 1))
-                for j, link in enumerate(order):
-                    since = np.mod(turn - j, 2.0 * moved.size)
-                    rows[:, link] += part * span[link] * np.clip(np.minimum(since, moved.size + 1.0 - since), 0.0, 1.0)
+                rows[:, order] += part * span[order] * np.clip(np.minimum(since, moved.size + 1.0 - since), 0.0, 1.0)
                 found.append(rows)
     return found
 

@@ -17,6 +17,8 @@ from .robot import Start
 _ITERATIONS = 4
 _ENOUGH = 1e-3
 """Part of the cost by which a step has to lower it, or the plan has converged [1]."""
+_ROUNDING = 1e-10
+"""Part of the largest bound by which sides may be exceeded [1]."""
 _DAMPING = 1e-4
 """Weight of the change of a plan in a step, relative to the largest curvature of its cost [1]."""
 
@@ -116,13 +118,17 @@ def solve_within(matrix: np.ndarray, right: np.ndarray, sides: np.ndarray, least
     free = orthogonal.T @ right
     turned = np.linalg.solve(triangle.T, sides.T).T
     left = least - turned @ free
-    if (left <= 0.0).all():
-        return np.linalg.solve(triangle, free)
-    system = np.vstack((turned.T, left))
-    weights, _ = nnls(system, np.append(np.zeros(free.size), 1.0), maxiter=10 * left.size)
-    miss = system @ weights
-    miss[-1] -= 1.0
-    return np.linalg.solve(triangle, free - miss[:-1] / miss[-1])
+    miss, chosen = np.zeros(free.size), np.zeros(left.size, np.bool_)
+    rounding = _ROUNDING * np.abs(left).max()
+    while (
+        beyond := (turned @ miss < left - rounding) & ~chosen
+    ).any():  # few sides matter, and `nnls` is slow with many
+        chosen |= beyond
+        system = np.vstack((turned[chosen].T, left[chosen]))
+        weights, _ = nnls(system, np.append(np.zeros(free.size), 1.0), maxiter=10 * left.size)
+        found = system @ weights
+        miss = found[:-1] / (1.0 - found[-1])
+    return np.linalg.solve(triangle, free + miss)
 
 
 def find_plan(problem: Problem, last: np.ndarray, stop: Callable[[], bool] = lambda: False) -> np.ndarray:

@@ -59,7 +59,7 @@ class PlanNode(AnsweringNode):
         horizon = int(self.declare_parameter("horizon", 16, count).value)
         stroke = self.declare_parameter("stroke", 0.0, _within(0.0, 1e3)).value
         fastest = self.declare_parameter("fastest", 0.0, _within(0.0, 1e6)).value
-        effort = self.declare_parameter("effort", 0.01, _within(1e-6, 1e3)).value
+        effort = self.declare_parameter("effort", 0.15, _within(1e-6, 1e3)).value
         noise = self.declare_parameter("noise", 1e-4, _within(1e-9, 1e3)).value
         measured = self.declare_parameter("measured", False, described("Read measured/joint_states.")).value
         self._delay = round(self.declare_parameter("delay", 0.0, _within(0.0, 10.0)).value * NS)
