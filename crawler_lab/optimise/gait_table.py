@@ -20,7 +20,7 @@ def tabulate_gait(scene: Scene) -> tuple[list[str], list[list[float]]]:
     """Tabulate the drive of a scene.
 
     Args:
-        scene: the scene.
+        scene: the scene that plays the gait.
 
     Returns:
         Heads with units: the time, each link, segment and joint, and what else changes; and a row for each waypoint.
@@ -35,7 +35,7 @@ def describe_gait(scene: Scene, most: int) -> list[str]:
     """Write a gait in aligned columns.
 
     Args:
-        scene: the scene.
+        scene: the scene that plays the gait.
         most: the largest number of waypoints.
 
     Returns:
@@ -52,7 +52,7 @@ def format_gait(scene: Scene, suffix: str) -> str:
     """Write a gait as a table.
 
     Args:
-        scene: the scene.
+        scene: the scene that plays the gait.
         suffix: .csv, or .md for Markdown.
 
     Returns:
