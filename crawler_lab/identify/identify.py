@@ -22,7 +22,7 @@ from .fit.space import build_space
 from .forecast.posterior import GAIN, collect_posterior
 from .identification import Identification
 from .judge.bounds import release
-from .judge.explain import explain_misfit, remark
+from .judge.explain import Explanation, explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.sensors import doubt_sensor, judge_sensors, warn_of_sensors
@@ -41,6 +41,8 @@ _MANY = 5
 """From this number of recordings on, whole recordings are held out."""
 _WORSE = 2.0
 """Residuals of held-out rows of more than this many times their predicted size are a misfit."""
+_MOSTLY = 0.5
+"""Part of a misfit from which an explanation explains it."""
 _INDIFFERENT = 20.0
 """Increase of the sum of squares, in units of the noise, by which a combination of parameters may still move."""
 
@@ -126,7 +128,7 @@ def identify(
         raise MeasurementError(f"identify: {numbers} measured values for {unknowns} unknowns are too few")
     rng = np.random.default_rng(seed)
     fit, structure = _find(problem, _coarse(problem), starts, seconds, rng, progress)
-    found = _conclude(scene, problem, fit, structure)
+    found = _conclude(scene, problem, fit, structure, seconds)
     if progress is not None:
         progress(1.0)
     return dataclasses.replace(found, warnings=(*impossible, *found.warnings))
@@ -207,8 +209,8 @@ def _fit_determined(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
     return fit, structure
 
 
-def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) -> Identification:
-    """Judge the parameters, measure the misfit, and collect the result."""
+def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, seconds: float) -> Identification:
+    """Judge the parameters, measure the misfit, explain it in some time, and collect the result."""
     count = problem.space.origin.size
     free = [p for p in range(count) if p not in structure.fixed]
     unknown = [*free, *range(count, problem.count)]
@@ -222,7 +224,8 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
     score = score_held_out(problem, fit, covariance, parameters)
     where = find_where(misfits)
     width = np.maximum(below, above)
-    explanations = explain_misfit(problem, fit, width) if where is not None and not fit.interrupted else []
+    explained = where is not None and not fit.interrupted
+    explanations = explain_misfit(scene, problem, fit, misfits, width, seconds > 0.0) if explained else []
     if where is None and score is not None and score.size > _WORSE:
         where = score.worst
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
@@ -250,7 +253,11 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         where=where,
         misfits=misfits,
         explanations=tuple(explanations),
-        warnings=(*warn_of_sensors(problem, sensors), *_warn(scene, problem, fit, parameters, where)),
+        warnings=(
+            *warn_of_sensors(problem, sensors),
+            *_warn(scene, problem, fit, parameters, where),
+            *(["nothing that was tried explains the misfit"] if explained and not _is_explained(explanations) else []),
+        ),
         recordings=tuple(r.measured for r in problem.replicas),
         residuals=fit.residuals.all,
         fitted=problem.rows,
@@ -261,6 +268,10 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure) ->
         posterior=posterior,
         interrupted=fit.interrupted,
     )
+
+
+def _is_explained(explanations: Sequence[Explanation]) -> bool:
+    return max((one.explained for one in explanations), default=0.0) >= _MOSTLY
 
 
 def _find_start(problem: Problem, fit: Fit, recording: int) -> np.ndarray | None:

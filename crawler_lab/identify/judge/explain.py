@@ -12,11 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from crawler_model.scene.scene import Scene
+
 from ..fit.fit import Fit
+from ..fit.misfit import Misfit
 from ..fit.problem import Problem
 from ..fit.space import Space
 from ..replica.changes import Change
 from ..replica.replica import Replica
+from .suspects import try_suspects
 from .verdicts import Parameter
 
 _ROWS = 3000
@@ -26,17 +30,19 @@ _ONSETS = 6
 _MOST = 3
 _CLEAR = 30.0
 """Decrease of the sum of squares from which a change explains anything."""
+_PART = 0.3
+"""Part of the sum of squares from which a suspect explains anything."""
 _OFTEN = 0.02
 """Part of the sum of squares that the best change explains below which it explains nothing."""
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A change of the model that would explain a part of the misfit.
+    """A change of the model or of a table that would explain a part of the misfit.
 
     Attributes:
         what: the change with its amount, in words.
-        amount: of the change, relative to what is changed [1].
+        amount: of the change, relative to what is changed, or the number of a suspect [1 or s].
         explained: part of the sum of squares of the whitened residuals that it explains [1].
         moved: parameters whose values the change would move beyond their intervals, with their values then.
     """
@@ -47,15 +53,29 @@ class Explanation:
     moved: dict[str, float]
 
 
-def explain_misfit(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explanation]:
-    """Test changes of the model: links stiffer or stuck, friction that depends on place, time or direction, a lag.
+def explain_misfit(
+    scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit], width: np.ndarray, suspects: bool
+) -> list[Explanation]:
+    """Test changes of the model, and try suspects.
 
     Args:
+        scene: the scene that was fitted.
+        misfits: of its channels.
         width: half widths of the intervals of the coordinates of the parameters, shape (P,); inf if unknown.
+        suspects: whether suspects are tried, which takes up to half a minute.
 
     Returns:
-        The changes that explain most, the best one first.
+        What explains most, the best one first.
     """
+    found = _test_changes(problem, fit, width)
+    if suspects and all(not replica.derivative_error for replica in problem.replicas):
+        tried = [one for one in try_suspects(scene, problem, fit, misfits) if one[0] > _PART]
+        found += [Explanation(what, amount, explained, {}) for explained, amount, what in tried[:_MOST]]
+    return sorted(found, key=lambda one: -one.explained)[:_MOST]
+
+
+def _test_changes(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explanation]:
+    """Test changes of the model: links stiffer or stuck, friction that depends on place, time or direction, a lag."""
     thin = _thin(problem)
     base = thin.compute(fit.unknowns)
     if base is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -143,6 +144,55 @@ def test_a_number_of_the_sensor_far_from_its_prior_is_told_and_not_identified() 
     assert lag.value == pytest.approx(0.18, abs=0.01)
     (line,) = found.warnings
     assert "lag of 180 ms is 3.6 deviations from what was known, 0 ms +- 50 ms" in line
+
+
+def mistake(kind: str, measured: Measurements) -> Measurements:
+    """A record in which a person made a mistake."""
+    commands, time, sent = measured.commands.copy(), measured.time, measured.command_time
+    if kind == "negated":
+        commands[:, 0] *= -1.0
+        return dataclasses.replace(measured, commands=commands)
+    if kind == "exchanged":
+        return dataclasses.replace(measured, values=measured.values[:, [1, 0, *range(2, len(measured.channels))]])
+    if kind == "centimetres":
+        return dataclasses.replace(measured, values=100.0 * measured.values)
+    if kind == "late":
+        return dataclasses.replace(measured, time=time + 1.0)
+    if kind == "29.97 read as 30":
+        return dataclasses.replace(measured, time=time * 30.0 / 29.97)
+    end = 2 * sent.size // 3
+    return dataclasses.replace(measured, commands=commands[:end], command_time=sent[:end])
+
+
+@pytest.mark.parametrize(
+    ("kind", "first"),
+    [
+        ("negated", "command/link_0 is negated"),
+        ("centimetres", "positions are 0.01 times as large"),
+        ("29.97 read as 30", r"the clock of the positions runs 1\.00(09|1).* times as fast"),
+        pytest.param("exchanged", "contact_0 and contact_1 are exchanged", marks=pytest.mark.slow),
+        pytest.param("late", r"the clock of the positions is (0\.9|1).* s late", marks=pytest.mark.slow),
+        pytest.param("ends", "the commands end early; rows after them do not count", marks=pytest.mark.slow),
+    ],
+)
+def test_a_mistake_of_a_person_is_the_first_explanation(kind: str, first: str) -> None:
+    document, measured = measure_robot(1, "white")
+    found = identify(guess_robot(document, 1), [mistake(kind, measured)], KEYS, hold_out=0.0, seconds=1.0)
+    assert not found.model_fits
+    assert {p.verdict for p in found.parameters} <= {"doubtful", "not excited", "bound"}
+    assert re.match(first, found.explanations[0].what)
+    assert found.explanations[0].explained > 0.9
+    assert len(found.explanations) <= 3
+    assert not any("nothing that was tried" in line for line in found.warnings)
+
+
+def test_what_no_suspect_explains_is_told() -> None:
+    document, measured = measure_robot(1, "white")
+    wrong = measured.values + 5e-3 * np.sin(3.0 * np.pi * measured.time)[:, None] * np.array([1.0, -1.0, 1.0, -1.0])
+    measured = dataclasses.replace(measured, values=wrong)
+    found = identify(guess_robot(document, 1), [measured], KEYS, hold_out=0.0, seconds=1.0)
+    assert not found.model_fits
+    assert "nothing that was tried explains the misfit" in found.warnings
 
 
 def test_held_out_rows_are_scored() -> None:

@@ -1,0 +1,261 @@
+"""First suspects of a misfit, each tried by a fit: mistakes of a table, clocks, units.
+
+A suspect changes the recordings or the scene by a number; the model is then fitted again, on few rows and with the
+noise of the misfits. What this takes of the mean square beyond noise is what the suspect would explain.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from crawler_model.compiled import clock
+from crawler_model.errors import CrawlerError
+from crawler_model.scene.scene import Scene
+
+from ..fit.fit import Fit, fit_from
+from ..fit.misfit import Misfit
+from ..fit.problem import Problem
+from ..fit.starts import generate_starts
+from ..measurements import Measurements, check_measurements
+from ..replica.replica import Replica
+from ..replica.start import relax_start
+from ..sensor.noise import Noise
+
+_SECONDS = 30.0
+"""Time after which no other suspect is tried."""
+_ROWS = 300
+"""Rows of each recording in a trial."""
+_EVALUATIONS, _STARTS = 12, 2
+_STEPS = (4e-3, 1e-3)
+"""Steps of a number around the best one that was tried, whose parabola has its minimum at a better one."""
+_LATEST = 0.25
+"""Largest shift of a clock, as a part of the recording."""
+_ALIKE = 0.95
+"""Correlations of this part of the largest one are as good; the smallest shift is then the likeliest."""
+_LATE = (0.0, 0.05, 0.1, 0.15)
+"""By how much less than motion the clock may be late, because motion begins after friction is overcome [s]."""
+_RATES = (29.97 / 30.0, 30.0 / 29.97, 24.0 / 25.0, 25.0 / 24.0, 25.0 / 30.0, 30.0 / 25.0)
+"""Ratios of clocks that are mistaken for each other, as 29.97 frames a second for 30."""
+_NOISE, _ENOUGH = 1.5, 0.95
+"""Mean square, in units of the noise, and part of the misfit explained, after which no other suspect is tried."""
+_JUMP = 1e-6
+
+
+class Trial(NamedTuple):
+    """A suspect with its number."""
+
+    what: str
+    change: Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
+    """Change the scene and a recording by a number."""
+    amounts: Sequence[float] = (1.0,)
+    """Numbers that are tried."""
+    continuous: bool = False
+    """Whether numbers between these are possible."""
+    scales: bool = False
+    """Whether the number multiplies all that is measured, with its noise."""
+
+
+def list_trials(scene: Scene, recordings: Sequence[Measurements]) -> Iterator[Trial]:
+    """List all suspects; to add one, add a trial here.
+
+    Args:
+        scene: the scene.
+        recordings: the recordings.
+
+    Yields:
+        The trials; `{}` in `what` stands for the number.
+    """
+    first = recordings[0]
+    lengths = [n for n in first.command_names if n in scene.columns.names[: scene.columns.lengths]]
+    contacts = [c for c, on in zip(first.channels, first.on_ground, strict=True) if on]
+    if lengths:
+        yield Trial("all commands are negated", _scale_commands(lengths), (-1.0,))
+        yield Trial("commanded lengths are {:.4g} times as large", _scale_commands(lengths), (0.01, 0.1, 10.0, 100.0))
+    yield Trial("positions are {:.4g} times as large", _scale_values, (0.01, 0.1, 10.0, 100.0), scales=True)
+    yield Trial("positions increase the other way", _scale_values, (-1.0,))
+    for name in lengths if len(lengths) > 1 else ():
+        yield Trial(f"command/{name} is negated", _scale_commands([name]), (-1.0,))
+    for a, b in itertools.combinations(lengths, 2):
+        yield Trial(f"command/{a} and command/{b} are exchanged", _exchange("command_names", a, b))
+    for a, b in itertools.combinations(contacts, 2):
+        yield Trial(f"{a} and {b} are exchanged", _exchange("channels", a, b))
+    if lengths:
+        shift = _find_shift(first, scene)
+        yield Trial("the clock of the positions is {:.3g} s late", _shift, [shift - late for late in _LATE])
+        yield Trial("the commands end early; rows after them do not count", _end)
+        yield Trial("commands are held until the next row, not straight between rows", _hold)
+        yield Trial(
+            "the clock of the positions runs {:.6g} times as fast as that of the commands", _stretch, _RATES, True
+        )
+        yield Trial("commanded lengths are {:.4g} times as large", _scale_commands(lengths), (0.8, 0.9, 1.1), True)
+    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness, (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
+
+
+def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[tuple[float, float, str]]:
+    """Try all suspects, as long as none leaves only noise.
+
+    Args:
+        scene: the scene that was fitted.
+        misfits: of its channels, with their noise.
+
+    Returns:
+        What each explains of the mean square beyond noise [1], its number, and what it is, the best one first.
+    """
+    recordings = [_thin(r.measured, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
+    noises = {(one.recording, one.channel): one.noise for one in misfits}
+    begin = clock()
+    found: list[tuple[float, float, float, str]] = []
+
+    def attempt(trial: Trial, amount: float) -> float:
+        try:
+            changed = [trial.change(scene, measured, amount) for measured in recordings]
+            own = {key: size * amount for key, size in noises.items()} if trial.scales else noises
+            return _fit_again(changed[0][0], [check_measurements(*pair) for pair in changed], problem, fit, own)
+        except (CrawlerError, np.linalg.LinAlgError):
+            return np.inf
+
+    base = _fit_again(scene, recordings, problem, fit, noises)
+    for trial in list_trials(scene, recordings) if np.isfinite(base) else ():
+        if clock() - begin > _SECONDS or any(one[0] > _ENOUGH and one[1] < _NOISE for one in found):
+            break
+        costs = {amount: attempt(trial, amount) for amount in trial.amounts}
+        if trial.continuous:
+            _refine(costs, functools.partial(attempt, trial))
+        best = min(costs, key=lambda amount: costs[amount])
+        part = min((base - costs[best]) / max(base - 1.0, 0.1 * base), 1.0)
+        found.append((part, costs[best], best, trial.what.format(best)))
+    return [(part, best, what) for part, _, best, what in sorted(found, key=lambda one: one[1])]
+
+
+def _refine(costs: dict[float, float], attempt: Callable[[float], float]) -> None:
+    """Add numbers near the best one, at the minima of parabolas."""
+    for step in _STEPS:
+        best = min(costs, key=lambda amount: costs[amount])
+        sides = [best * (1.0 - step), best * (1.0 + step)]
+        costs |= {side: attempt(side) for side in sides}
+        low, high = (costs[side] - costs[best] for side in sides)
+        if np.isfinite(low + high) and low + high > 0.0:
+            near = best * (1.0 + float(np.clip(0.5 * (low - high) / (low + high), -1.0, 1.0)) * step)
+            costs[near] = attempt(near)
+
+
+def _fit_again(
+    scene: Scene, recordings: list[Measurements], problem: Problem, fit: Fit, noises: Mapping[tuple[str, str], float]
+) -> float:
+    """Compute the mean square of residuals in units of the noise after short fits from two starts; infinite without."""
+    keys = list(problem.space.names)
+    relaxed = relax_start(scene, keys, recordings[0])
+    begun = scene if relaxed is None else relaxed
+    replicas = [Replica(begun, m, keys, "identify", relaxed is not None) for m in recordings]
+    rows = [np.ones(m.time.size, np.bool_) for m in recordings]
+    trial = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
+    trial.set_noise(
+        [
+            [
+                (Noise(noises.get((m.name, channel), problem.floor)), np.zeros(int(p.sum())))
+                for channel, p in zip(m.channels, present.T, strict=True)
+            ]
+            for m, present in zip(recordings, trial.present, strict=True)
+        ]
+    )
+    values = [problem.space.origin, problem.space.to_values(fit.unknowns[: problem.space.origin.size])]
+    first = next(generate_starts(trial, np.random.default_rng(0)))[1]
+    begins = [*([] if first is None else [first]), *(trial.unknowns(one) for one in values)]
+    costs = [(now.cost, k) for k, one in enumerate(begins) if (now := trial.compute(one)) is not None]
+    held, best = np.zeros(trial.count, np.bool_), np.inf
+    for _, k in sorted(costs)[:_STARTS]:
+        found = fit_from(trial, begins[k], held, tight=False, most=_EVALUATIONS)
+        best = best if found is None else min(best, found.cost / found.residuals.fitted.size)
+    return best
+
+
+def _thin(measured: Measurements, rows: np.ndarray) -> Measurements:
+    """Choose evenly spaced rows among those that were fitted."""
+    at = np.flatnonzero(rows)
+    at = at[:: max(1, at.size // _ROWS)]
+    return dataclasses.replace(measured, time=measured.time[at], values=measured.values[at])
+
+
+def _scale_commands(names: Sequence[str]) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+        factor = np.array([amount if name in names else 1.0 for name in measured.command_names])
+        return scene, dataclasses.replace(measured, commands=measured.commands * factor)
+
+    return change
+
+
+def _exchange(
+    field: Literal["channels", "command_names"], a: str, b: str
+) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+        names: Any = {field: tuple({a: b, b: a}.get(name, name) for name in getattr(measured, field))}
+        return scene, dataclasses.replace(measured, **names)
+
+    return change
+
+
+def _scale_values(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    return scene, dataclasses.replace(measured, values=measured.values * amount)
+
+
+def _scale_stiffness(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    document = scene.document()
+    links = document["body"]["links"]
+    for part in links if isinstance(links, list) else [links]:
+        part["stiffness"] = (amount * np.array(part["stiffness"])).tolist()
+    return Scene.model_validate(document), measured
+
+
+def _shift(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    kept = measured.time > amount
+    values = measured.values[kept]
+    return scene, dataclasses.replace(measured, time=measured.time[kept] - amount, values=values)
+
+
+def _stretch(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    return scene, dataclasses.replace(measured, time=measured.time / amount)
+
+
+def _end(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    kept = measured.time <= measured.command_time[-1]
+    return scene, dataclasses.replace(measured, time=measured.time[kept], values=measured.values[kept])
+
+
+def _hold(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    time, rows = measured.command_time, measured.commands
+    before = time[1:] - _JUMP * np.diff(time)
+    order = np.argsort(np.concatenate((time, before)), kind="stable")
+    held = np.concatenate((rows, rows[:-1]))[order]
+    return scene, dataclasses.replace(measured, command_time=np.concatenate((time, before))[order], commands=held)
+
+
+def _find_shift(measured: Measurements, scene: Scene) -> float:
+    """Find the shift of the clock at which elongations agree best with commands, 0 without a pair of these [s]."""
+    even = np.linspace(measured.time[0], measured.time[-1], 1024)
+    pairs = []
+    for k, name in enumerate(measured.command_names):
+        ends = [f"contact_{i}" for i in scene.body.ends[int(name[5:])]] if name.startswith("link_") else []
+        if ends and set(ends) <= set(measured.channels):
+            tail, head = (measured.values[:, measured.channels.index(end)] for end in ends)
+            seen = np.isfinite(head - tail)
+            elongation = np.interp(even, measured.time[seen], (head - tail)[seen])
+            pairs.append((elongation, np.interp(even, measured.command_time, measured.commands[:, k])))
+    if not pairs:
+        return 0.0
+    most = int(_LATEST * even.size)
+    total = np.zeros(2 * most + 1)
+    for elongation, command in pairs:
+        for k in range(-most, most + 1):
+            a, b = (elongation[k:], command[: even.size - k]) if k >= 0 else (elongation[:k], command[-k:])
+            size = float(np.std(a) * np.std(b))
+            total[k + most] += float(np.mean((a - a.mean()) * (b - b.mean()))) / size if size > 0.0 else 0.0
+    good = np.flatnonzero(total >= _ALIKE * total.max()) - most
+    peaks = [k for k in good if total[k + most] == total[max(k + most - 5, 0) : k + most + 6].max()]
+    nearest = min(peaks or good, key=abs)
+    return float(nearest * (even[1] - even[0]))
