@@ -64,7 +64,10 @@ def _build_calls(contacts: int) -> dict[str, Callable[[int], int]]:
     )
     commands = lengths.tolist()
     found = {"Crawler.advance": _advance(scene, commands), "Crawler.follow": _follow(scene, lengths)}
-    found |= {"a tick of simulate": _simulate(scene), "env.step": _step_environment(scene)}
+    gradual = {"profile": {"at": [-1.0, 0.3, 2.0], "friction": [1.0, 1.4, 0.9]}}
+    uneven = Scene.model_validate(scene.document() | {"ground": gradual})
+    found |= {"a tick of simulate": _simulate(scene), "a tick of simulate on a profile": _simulate(uneven)}
+    found["env.step"] = _step_environment(scene)
     with contextlib.suppress(ImportError):
         found["mj_step"] = _step_mujoco(scene, lengths)
     return found

@@ -99,6 +99,17 @@ class Track:
         return "ground.patches" if self.borders.size else "ground.walls" if self.walls is not None else ""
 
     @property
+    def leaps(self) -> str:
+        """The key that makes bounds change at once from place to place; empty if there is none."""
+        if self.profile is None:
+            return "ground.patches" if self.borders.size else "ground.walls"
+        rows = np.vstack((self.grip, self.rise))
+        before, behind = rows[:, :-1] + self.profile[1:, :-1] * (self.borders - self.profile[0, :-1]), rows[:, 1:]
+        behind = behind + self.profile[1:, 1:] * (self.borders - self.profile[0, 1:])
+        same = np.allclose(before, behind, rtol=1e-12, atol=1e-15) and np.ptp(self.pressed) == 0.0
+        return "ground.patches" if not same else "ground.walls" if self.walls is not None else ""
+
+    @property
     def factor(self) -> np.ndarray:
         """Factor of each stretch on the friction of each contact, forward and backward, shape (2, M + 1, N).
 

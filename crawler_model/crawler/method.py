@@ -45,11 +45,9 @@ def choose_method(scene: Plan, method: str | None) -> Method:
         raise CommandError(f"method: {method!r}; it must be one of {', '.join(METHODS)}")
     if method not in offered and method == "catch_up":
         passed = {
-            "friction.with_elongation": "over the elongations of friction.with_elongation instead of meeting",
-            "ground.profile": "over the places of ground.profile instead of meeting",
             "ground.patches": "over the borders of ground.patches instead of meeting",
             "ground.walls": "through ground.walls instead of stopping at",
-        }["ground.walls" if scene.ground.track is None else scene.ground.track.key]
+        }["ground.walls" if scene.ground.track is None else scene.ground.track.leaps]
         raise CommandError(f"method: catch_up steps {passed} them; use exact")
     if method not in offered:
         raise CommandError(

@@ -13,8 +13,9 @@ from ...rounding import EPS
 from .advance import place_of
 from .clusters import enter_cluster, find_cluster, find_span, wake_all
 from .ground.bounds import enter_ground
-from .ground.couplings import couplings_of, is_coupled, place_couplings
+from .ground.couplings import couplings_of, follow_couplings, is_coupled, place_couplings
 from .ground.gradual import is_gradual
+from .ground.steps import enter_end
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .springs.bends import is_flat
@@ -89,6 +90,7 @@ def _enter(contacts, springs, model, ramp, row, i):
     c.mark, c.row = ramp.search.block, row
     e.contact, e.cluster = i, -1
     e.load = 0.0 if ramp.fall.falling else c.pull
+    pull = 0.0
     if ramp.stepping:
         pull = find_pull(contacts, springs, model, model.curves, i)
         e.load = (c.force - pull) + ramp.fraction * c.pull
@@ -104,6 +106,8 @@ def _enter(contacts, springs, model, ramp, row, i):
         enter_ground(c, e, model.ground, ramp, i, 0.0)
     if e.lower > e.upper:  # both bounds are met by rounding just before the interval between them vanishes
         e.upper = e.lower = 0.5 * (e.lower + e.upper)
+    if ramp.stepping:
+        enter_end(c, e, model.ground, ramp, i, pull)
     e.v = c.v
     e.side = 1 if c.v > 0.0 else (-1 if c.v < 0.0 else 0)
     if (e.side == 1 and e.upper == np.inf) or (e.side == -1 and e.lower == -np.inf):
@@ -305,7 +309,10 @@ def _find_mesh(contacts, springs, model, ramp, i):
 @inlined
 def _find_whole(contacts, springs, model, ramp):
     """Enter all contacts in the block: elongations change the bounds of any contact; returns their number."""
-    place_couplings(contacts, couplings_of(model.ground), ramp)
+    if ramp.stepping:
+        follow_couplings(contacts, couplings_of(model.ground), 0.0)
+    else:
+        place_couplings(contacts, couplings_of(model.ground), ramp)
     ramp.search.anchored = 0
     for i in range(contacts.shape[0]):
         leave_bounds(contacts[i], ramp)
@@ -326,7 +333,7 @@ def find_block(contacts, springs, model, matrix, ramp, i):
     ramp.search.path = ramp.search.guards = 0
     if matrix is None:
         return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
-    if is_coupled(couplings_of(model.ground)) and not ramp.stepping:
+    if is_coupled(couplings_of(model.ground)):
         return _find_whole(contacts, springs, model, ramp)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)
     if count == 0:

@@ -16,7 +16,7 @@ from .clusters import fall_asleep, set_clusters
 from .critical.margin import sample_margin
 from .critical.translation import choose, note_interval
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
-from .ground.bounds import follow_ground
+from .ground.bounds import follow_ground, rate_at_bound
 from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets_chord
 from .ground.couplings import couplings_of, follow_couplings, is_coupled
 from .ground.driving import drive
@@ -120,7 +120,7 @@ def _hold_sides(contacts, springs, model, ramp, count):
         if side != 0 and not c.bounds_met & (FORWARD if side > 0 else BACKWARD):
             side = 0  # it has just come to rest on a border beyond which the ground holds more
         c.side = side  # the force then changes with the bound, and starts from it without rounding
-        c.force_rate = e.force if side == 0 else (e.upper if side > 0 else e.lower)
+        c.force_rate = e.force if side == 0 else rate_at_bound(c, e, model.ground, side)
         held = 0
         if side != 0:
             held = FORWARD if side > 0 else BACKWARD
@@ -129,8 +129,8 @@ def _hold_sides(contacts, springs, model, ramp, count):
                 held = FORWARD | BACKWARD
         c.leaving = c.bounds_met & ~held  # it counts as at the bound for this instant, see `leave_bounds`
         note_state(model.pieces, ramp, c, e.contact)
-        leave_border(c, model.ground, ramp, e.contact)
-        follow_ground(c, model.ground, ramp, e.contact)
+        if leave_border(c, model.ground, ramp, e.contact):
+            follow_ground(c, model.ground, ramp, e.contact)
         schedule_next(contacts, springs, model, ramp, e.contact)
         if ramp.search.path == 0:  # springs of a graph lead to walls, whose forces change with the velocity
             for k in range(c.first, c.last):

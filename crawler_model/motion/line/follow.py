@@ -18,6 +18,7 @@ from .ground.chords import begin_chords
 from .ground.couplings import couplings_of, rest_couplings
 from .ground.gradual import is_gradual
 from .ground.jumps import begin_bounds, finish_bounds, place_anew
+from .ground.steps import return_to_start
 from .ground.walls import blocked_sides, has_walls
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Couplings, Model, Terrain
 from .springs.bends import begin_bend, energy_of, finish_bend, leash_of
@@ -235,18 +236,23 @@ def _judge_balance(contacts, springs, ramp, stored):
 @lean
 def _follow_ramp(contacts, springs, model, ramp, target):
     """Follow a ramp that has begun, in parts if need be; returns the energy stored at its end."""
-    how = FOLLOWS if ramp.exact else STEPS
+    exact, how = ramp.exact, FOLLOWS if ramp.exact else STEPS
     while True:
+        outcome = DONE
+        if how == STEPS and not take_step(contacts, springs, model, ramp):
+            if ramp.exact or not is_gradual(model.ground):
+                ramp.account.unsolved = 1.0
+            else:  # it may jump, or have several motions
+                return_to_start(contacts, model.ground, ramp)
+                _begin(contacts, springs, model, ramp, target)
+                ramp.exact, how = 1, FOLLOWS
         if how == FOLLOWS:
             outcome = follow_events(contacts, springs, model, ramp)
-        else:
-            outcome = DONE
-            if not take_step(contacts, springs, model, ramp):
-                ramp.account.unsolved = 1.0
         stored = _finish(contacts, springs, model, ramp, target)
         how = _continue(contacts, springs, model, model.ground, ramp, outcome)
         if how == ENDS or not _begin(contacts, springs, model, ramp, target):
             _judge_balance(contacts, springs, ramp, stored)
+            ramp.exact = exact
             return stored
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from ...compiled import inlined, lean
 from ...rounding import CRITICAL, NOISE
 from .dense import decompose, substitute
-from .ground.couplings import add_growth, couplings_of
+from .ground.couplings import add_growth, couplings_of, restore_limits
 from .ground.gradual import force_of, stiffness_of
 from .path import limit_of
 
@@ -130,27 +130,28 @@ def _find_flows(contacts, springs, model, ramp, count):
 
 
 @lean
-def _prepare(contacts, springs, model, couplings, ramp, count):
+def _prepare(contacts, springs, model, couplings, count):
     """Prepare the matrix of a block to find velocities; returns False if it is singular."""
-    if couplings is None or ramp.stepping:
+    if couplings is None:
         eliminate(contacts, springs, model, model.matrix, count)
         return True
+    restore_limits(couplings, model.block, count)
     return decompose(contacts, springs, model, couplings, model.matrix, count)
 
 
 @lean
-def _find_velocities(block, matrix, couplings, ramp, count):
+def _find_velocities(block, matrix, couplings, count):
     """Find the velocities that the pulls lead to; returns the largest one."""
-    if couplings is None or ramp.stepping:
+    if couplings is None:
         return _substitute(block, matrix, count)
     return substitute(block, couplings, matrix, count)
 
 
 @lean
-def _correct(contacts, springs, model, matrix, ramp, count):
+def _correct(contacts, springs, model, matrix, count):
     """Add the velocities and the rates that residual forces lead to."""
     block, ends = model.block, model.ends
-    _find_velocities(block, matrix, couplings_of(model.ground), ramp, count)
+    _find_velocities(block, matrix, couplings_of(model.ground), count)
     for r in range(count):
         e = block[r]
         c = contacts[e.contact]
@@ -176,13 +177,13 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
     if matrix is None:
         return True
     block, ends = model.block, model.ends
-    if not _prepare(contacts, springs, model, couplings_of(model.ground), ramp, count):
+    if not _prepare(contacts, springs, model, couplings_of(model.ground), count):
         return False
-    most = _find_velocities(block, matrix, couplings_of(model.ground), ramp, count)
+    most = _find_velocities(block, matrix, couplings_of(model.ground), count)
+    add_growth(contacts, couplings_of(model.ground), block, count)
     if not ramp.stepping:
-        add_growth(contacts, couplings_of(model.ground), block, count)
         _find_flows(contacts, springs, model, ramp, count)
-        _correct(contacts, springs, model, matrix, ramp, count)
+        _correct(contacts, springs, model, matrix, count)
         add_growth(contacts, couplings_of(model.ground), block, count)
     for r in range(count):
         e = block[r]

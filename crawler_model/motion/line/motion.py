@@ -204,7 +204,7 @@ class LineMotion:
     @property
     def methods(self) -> tuple[str, ...]:
         """Names of the methods."""
-        return ("exact", "catch_up") if self.track is None else ("exact",)
+        return ("exact", "catch_up") if self.track is None or not self.track.leaps else ("exact",)
 
     @property
     def samples_margin(self) -> bool:

@@ -140,7 +140,7 @@ def _exchange(block, count, last_only):
 @lean
 def _refer(contacts, springs, model, couplings, ramp, count):
     """Find the limits of a block all of whose contacts slide: elongations do not depend on its translation."""
-    if couplings is None or ramp.stepping:
+    if couplings is None:
         return
     side = model.block[0].side
     model.block[0].side = 0

@@ -103,6 +103,8 @@ FOOT = np.dtype(
         ("d_load", _FLOAT),
         ("jump", _INT),  # number of its present jump, counted from 1; 0 if it does not jump
         ("walled", _BYTE),  # sides on which it stands at a wall, FORWARD and BACKWARD as bits
+        ("stretch", _INT),  # on which an implicit step ends, see `ground.steps`
+        ("met", _BYTE),  # `bounds_met` of the contact where that begins
         # where friction changes with elongations, see `ground.couplings`
         ("more_forward", _FLOAT),  # what these add to the bounds, at s = 0 [N]
         ("more_backward", _FLOAT),

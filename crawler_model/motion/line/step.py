@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ...compiled import lean
+from ...compiled import inlined, lean
 from .critical.translation import choose_step
 from .events import solve_listed
+from .ground.steps import begin_stretches, change_stretches, end_stretches, is_steady
 from .records import BACKWARD, FORWARD
 from .springs.knots import change_pieces, end_step, keep_part, return_to_part, tighten
 from .springs.parts import begin_parts, find_pull, next_part
@@ -33,22 +34,39 @@ def _solve_step(contacts, springs, model, curves, ramp):
     """Solve for the part of an implicit step that `ramp.fraction` tells; returns False if no solution was found.
 
     Flat springs divide the body, and each part is solved by itself. Where the solution leads bent springs beyond knots,
-    it is solved anew with their pieces there (Newton's method for a piecewise linear function).
+    it is solved anew with their pieces there (Newton's method for a piecewise linear function), and so it is on gradual
+    ground.
     """
     n = contacts.shape[0]
     ramp.search.undetermined = 0
     if curves is None:
-        model.listed[0] = n - 1
-        if not solve_listed(contacts, springs, model, ramp, 1):
-            return False
-        _keep_step(contacts, springs, model, n)
-        return True
+        for turn in range(ramp.turns + 10 * n):
+            model.listed[0] = n - 1
+            if not _solve_part(contacts, springs, model, ramp):
+                return False
+            if not change_stretches(contacts, model.ground, ramp, turn >= ramp.turns):
+                return True
+        return False
     for turn in range(ramp.turns + 10 * springs.shape[0]):
         if not _solve_parts(contacts, springs, model, curves, ramp):
             if not tighten(contacts, springs, model, curves, ramp):
                 return False
-        elif not change_pieces(contacts, springs, curves, ramp, turn >= ramp.turns):
+            continue
+        changed = change_pieces(contacts, springs, curves, ramp, turn >= ramp.turns)
+        if not change_stretches(contacts, model.ground, ramp, turn >= ramp.turns) and not changed:
             return True
+    return False
+
+
+@inlined
+def _solve_part(contacts, springs, model, ramp):
+    """Solve an implicit step for the part of the listed contact; returns False if it has no solution."""
+    if not solve_listed(contacts, springs, model, ramp, 1):
+        return False
+    _keep_step(contacts, springs, model, ramp.search.rows)
+    if is_steady(contacts, springs, model, model.ground, ramp, ramp.search.rows):
+        return True
+    ramp.search.hurries = 0  # nor is it taken in shorter parts
     return False
 
 
@@ -59,9 +77,8 @@ def _solve_parts(contacts, springs, model, curves, ramp):
     ramp.search.loose = ramp.search.undetermined = 0
     while next_part(curves, ramp, contacts.shape[0]):
         model.listed[0] = curves.members[ramp.first]
-        if not solve_listed(contacts, springs, model, ramp, 1):
+        if not _solve_part(contacts, springs, model, ramp):
             return False
-        _keep_step(contacts, springs, model, ramp.search.rows)
     return True
 
 
@@ -82,6 +99,7 @@ def take_step(contacts, springs, model, ramp):
     solved, step, divided = 0.0, 1.0, False
     most = ramp.effort + max(ramp.budget, _LEAST_EFFORT * contacts.shape[0])
     ramp.stepping = 1
+    begin_stretches(contacts, model.ground, ramp)
     keep_part(contacts, model.curves, solved)
     while solved < 1.0:
         ramp.fraction = min(solved + step, 1.0)
@@ -100,6 +118,7 @@ def take_step(contacts, springs, model, ramp):
             return False
     for i in range(contacts.shape[0]):
         contacts[i].force_rate -= contacts[i].force
+    end_stretches(contacts, model.ground)
     choose_step(contacts, springs, model, model.curves, ramp)
     end_step(contacts, springs, model.curves)
     ramp.s = 1.0

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from crawler_command.check import print_report
-from crawler_model import CommandError, Crawler, Scene, SceneError, load_scene, simulate
+from crawler_model import Crawler, Scene, SceneError, load_scene, simulate
 
 from .bodies import CHAIN, GRAPH, HYBRID, SEGMENT, SWELLING, SWELLS, Drawn
 
@@ -276,9 +276,33 @@ def test_what_is_not_followed_exactly_is_refused(change, message):
         two(SHORTER, [0.0, 0.1], **change)
 
 
-def test_implicit_steps_are_refused():
-    with pytest.raises(CommandError, match=r"catch_up steps over the elongations of friction\.with_elongation"):
-        simulate(two(SHORTER, [0.0, 0.1]), method="catch_up")
+def test_an_implicit_step_is_exact_where_contacts_only_slide_or_rest():
+    """Whatever kinks their links pass; far away, too, where ramps are followed from event to event."""
+    far = {"link": 1, "contacts": [0], "elongation": [-1.0, 0.0], "forward": [A, 0.0]}
+    friction = {"forward": [MU, 50.0, 0.0], "backward": [50.0, 50.0, 0.0], SWELLS: [far]}
+    body = {"contacts": [0.0, 0.5, 1.0], "links": {"stiffness": K}}
+    drive = {"times": [0, 1], "actuation": [[0.0, 0.0], [-STROKE, -STROKE]]}
+    kinks = {"elongation": [-0.05, -0.02, 0.0], "forward": [0.5, 0.1, 0.0]}
+    for scene in (
+        worm(),
+        worm([[0, 1], [1, 2]]),
+        two(kinks, [0.0, -0.01, -STROKE, 0.0]),
+        two(far, [0.0, 0.0], friction=friction, body=body, drive=drive),
+    ):
+        exact, found = (simulate(scene, duration=3.0, rate=1.0, method=method) for method in ("exact", "catch_up"))
+        assert found.waypoint_displacement == pytest.approx(exact.waypoint_displacement, abs=1e-15)
+        assert found.unique
+        assert found.violation < 1e-15
+
+
+def test_where_friction_lets_go_faster_than_its_spring_no_implicit_step_is_taken():
+    longer = {"contacts": [1], "elongation": [0.0, 0.016], "forward": [0.8, 0.0]}
+    friction = {"forward": [50.0, MU], "backward": [50.0, 50.0], SWELLS: [{"link": 0} | longer]}
+    scene = two(longer, [0.0, STROKE], friction=friction)
+    exact, stepped = (simulate(scene, rate=1.0, method=method) for method in ("exact", "catch_up"))
+    assert stepped.jumps == exact.jumps
+    assert len(exact.jumps) == 1
+    assert abs(stepped.energy.residual) < 1e-15
 
 
 def test_the_gallery_crawls_as_its_comments_say():

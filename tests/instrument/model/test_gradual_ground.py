@@ -339,10 +339,43 @@ def test_what_is_not_followed_exactly_is_refused(change, message):
         Scene.model_validate(data)
 
 
-def test_what_has_no_answer_on_gradual_ground_says_so():
-    scene = two(BELOW, [0.0, 0.1, 0.0])
-    with pytest.raises(CommandError, match=r"catch_up steps over the places of ground\.profile"):
-        simulate(scene, method="catch_up")
+@BODIES
+@pytest.mark.parametrize("at", [[0.0, 10.0], [0.0, 0.22, 0.251, 0.28, 10.0]])
+def test_an_implicit_step_is_exact_where_contacts_only_slide_or_rest(between, at):
+    """Whatever places they pass, and if friction is commanded, too."""
+    factors = np.interp(at, [0.0, 0.25, 10.0], [0.2, 0.3, 2.5]).tolist()
+    scene = two({"at": at, "friction": factors}, [0.0, 0.1, 0.0, 0.05, 0.1], between)
+    for friction in (None, {"forward": [[1.0, 1.0], [1.0, 2.0], [1.0, 0.5], [3.0, 1.0], [1.0, 1.0]]}):
+        drive = scene.document()["drive"]
+        if friction is not None:
+            drive |= {"friction": friction | {"backward": [[50.0, 50.0]] * 5}}
+        driven = Scene.model_validate(scene.document() | {"drive": drive})
+        exact, found = (simulate(driven, rate=1.0, method=method) for method in ("exact", "catch_up"))
+        assert found.waypoint_displacement == pytest.approx(exact.waypoint_displacement, abs=1e-15)
+        assert found.events == 4
+        assert found.unique
+        assert found.violation < 1e-15
+
+
+def test_where_a_contact_jumps_no_implicit_step_is_taken():
+    sides = {"forward": [0.2, 0.04], "backward": [1.0, 1.0]}
+    scene = two({"at": [0.22, 0.221], "friction": sides}, [0.0, 0.1], friction={"forward": 1.0, "backward": 1.0})
+    exact, stepped = (simulate(scene, rate=2.0, method=method) for method in ("exact", "catch_up"))
+    assert stepped.jumps == exact.jumps
+    assert len(exact.jumps) == 1
+    assert stepped.displacement[-1].tolist() == exact.displacement[-1].tolist()
+    assert abs(stepped.energy.residual) < 0.01
+
+
+def test_implicit_steps_that_would_pass_over_borders_or_through_walls_are_refused():
+    patches = {"profile": BELOW, "patches": [{"from": 0.3, "to": 0.4, "friction": 0.5}]}
+    walls = {"profile": BELOW, "walls": [{"at": 1.2, "stops": "forward"}]}
+    for ground, message in (
+        (patches, r"steps over the borders of ground\.patches"),
+        (walls, r"steps through ground\.walls"),
+    ):
+        with pytest.raises(CommandError, match=message):
+            simulate(two(BELOW, [0.0, 0.1, 0.0], ground=ground), method="catch_up")
 
 
 def test_a_scene_with_a_profile_survives_a_round_trip():

@@ -31,7 +31,9 @@ from .bodies import (
 )
 from .chains import from_rows
 
-STEPPED = [(kind, "catch_up") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE)]
+STEPPED = [
+    (kind, "catch_up") for kind in (*ON_A_LINE, CHAMBERS, *BENT, *HYSTERETIC, *LOOSE, *SWELLING, *ON_GRADUAL_GROUND)
+]
 """Methods that take one implicit step a ramp."""
 FOLLOWED = [
     *(

@@ -237,10 +237,8 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     """Choose the translation of the present part if it is free at s."""
     if curves is None:  # else parts count if they last, see `events`
         sample_margin(contacts, springs, model, curves, ramp)
-    if holds_body(contacts, model.ground, ramp):
-        return
     critical = is_critical(contacts, springs, model, curves, ramp)
-    if critical or _is_free(contacts, curves, ramp):
+    if (critical or _is_free(contacts, curves, ramp)) and not holds_body(contacts, model.ground, ramp):
         if not ramp.shifted:
             _begin_shift(contacts, springs, model, ramp)
         _shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
@@ -301,7 +299,8 @@ def choose_step(contacts, springs, model, curves, ramp):
     end = ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
-    while next_part(curves, ramp, contacts.shape[0]):
+    held = holds_body(contacts, model.ground, ramp)
+    while next_part(curves, ramp, contacts.shape[0]) and not held:
         if _is_free(contacts, curves, ramp) or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end):
             _shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
     note_interval(contacts, springs, curves, ramp, 1.0)

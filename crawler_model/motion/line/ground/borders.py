@@ -79,13 +79,16 @@ def leave_border(c, ground, ramp, i):
 
     Args:
         c: CONTACT i, with its velocity.
+
+    Returns:
+        Whether it leaves one.
     """
     if ground is None:
-        return
+        return False
     foot = ground.feet[i]
     leave_wall(c, foot, ground.walls)
     if foot.place % 2 == 0 or c.v == 0.0:
-        return
+        return False
     side = FORWARD if c.v > 0.0 else BACKWARD
     foot.place += 1 if c.v > 0.0 else -1
     set_bound(c, foot, ground, BACKWARD if side == FORWARD else FORWARD, ramp)
@@ -93,6 +96,7 @@ def leave_border(c, ground, ramp, i):
     if c.forward + c.backward > 0.0 or c.d_forward + c.d_backward > 0.0:
         c.bounds_met &= side
         c.leaving &= side
+    return True
 
 
 @lean

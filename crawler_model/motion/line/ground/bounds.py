@@ -37,9 +37,21 @@ def hold(foot, ground, stretch, side, s, p):
     return factor * (bound + load) - (load + tilt)
 
 
+@lean
+def _change_of(foot, ground, stretch, side, p):
+    """Compute by how much commands change the bound that a stretch holds along the ramp, see `hold`."""
+    if foot.d_forward == 0.0 and foot.d_backward == 0.0 and foot.d_load == 0.0:
+        return 0.0
+    return hold(foot, ground, stretch, side, 1.0, p) - hold(foot, ground, stretch, side, 0.0, p)
+
+
 @inlined
-def _place_of(c, foot):
-    """Return the place of a contact on the track [m]."""
+def place_on_track(c, foot):
+    """Find the place of a contact on the track.
+
+    Returns:
+        The place [m].
+    """
     return foot.home + (c.x + c.residue)
 
 
@@ -50,9 +62,9 @@ def set_bound(c, foot, ground, side, ramp):
     Args:
         side: FORWARD or BACKWARD.
     """
-    stretch, p = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2, _place_of(c, foot)
+    stretch, p = (foot.place + 1) // 2 if side == FORWARD else foot.place // 2, place_on_track(c, foot)
     begin = hold(foot, ground, stretch, side, ramp.fall.rests if ramp.fall.falling else 0.0, p)
-    change = 0.0 if ramp.fall.falling else hold(foot, ground, stretch, side, 1.0, p) - begin
+    change = 0.0 if ramp.fall.falling else _change_of(foot, ground, stretch, side, p)
     begin += more_on(foot, side, 0.0)
     change += foot.d_more_forward if side == FORWARD else foot.d_more_backward
     if side == FORWARD:
@@ -69,19 +81,21 @@ def excess_of(c, foot, ground):
         The excess [N]; 0 if it does not fall.
     """
     if c.fallen & FORWARD:
-        return c.forward - hold(foot, ground, (foot.place + 1) // 2, FORWARD, 0.0, _place_of(c, foot))
+        return c.forward - hold(foot, ground, (foot.place + 1) // 2, FORWARD, 0.0, place_on_track(c, foot))
     if c.fallen & BACKWARD:
-        return c.backward - hold(foot, ground, foot.place // 2, BACKWARD, 0.0, _place_of(c, foot))
+        return c.backward - hold(foot, ground, foot.place // 2, BACKWARD, 0.0, place_on_track(c, foot))
     return 0.0
 
 
 @lean
 def set_load(c, foot, ground, ramp):
     """Set the load on a contact, along the ramp, to that at its place, on a border the mean of both sides."""
-    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot)
-    rise = 0.5 * (ground.rise[ahead] + ground.rise[behind])
-    rise += 0.5 * (change_at(ground.profile, FORWARD, ahead, p)[1] + change_at(ground.profile, FORWARD, behind, p)[1])
-    c.load, c.d_load = foot.load - foot.weight * rise, foot.d_load
+    c.load, c.d_load = foot.load, foot.d_load
+    if foot.weight != 0.0:
+        ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, place_on_track(c, foot)
+        rise = 0.5 * (ground.rise[ahead] + ground.rise[behind])
+        more = change_at(ground.profile, FORWARD, ahead, p)[1] + change_at(ground.profile, FORWARD, behind, p)[1]
+        c.load -= foot.weight * (rise + 0.5 * more)
     if ramp.fall.falling:
         c.load, c.d_load = c.load + ramp.fall.rests * c.d_load, 0.0
 
@@ -109,7 +123,7 @@ def follow_ground(c, ground, ramp, i):
 def _follow_ground(c, foot, ground, profile, ramp):
     if profile is None:
         return
-    s, commanded, p = place_of(c, ramp), ramp.fall.rests if ramp.fall.falling else ramp.s, _place_of(c, foot)
+    s, commanded, p = place_of(c, ramp), ramp.fall.rests if ramp.fall.falling else ramp.s, place_on_track(c, foot)
     ahead, behind = (foot.place + 1) // 2, foot.place // 2
     if c.v > 0.0:
         behind = ahead
@@ -118,9 +132,9 @@ def _follow_ground(c, foot, ground, profile, ramp):
     up, down = slopes_of(foot, profile, ahead, behind, commands_at(ramp))
     moves = 0.0 if ramp.fall.falling else 1.0
     forward = hold(foot, ground, ahead, FORWARD, commanded, p)
-    d_forward = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
+    d_forward = moves * _change_of(foot, ground, ahead, FORWARD, p)
     backward = hold(foot, ground, behind, BACKWARD, commanded, p)
-    d_backward = moves * (hold(foot, ground, behind, BACKWARD, 1.0, p) - hold(foot, ground, behind, BACKWARD, 0.0, p))
+    d_backward = moves * _change_of(foot, ground, behind, BACKWARD, p)
     d_forward += up * c.v
     d_backward -= down * c.v
     forward, d_forward = forward + more_on(foot, FORWARD, s), d_forward + foot.d_more_forward
@@ -136,10 +150,30 @@ def _follow_ground(c, foot, ground, profile, ramp):
     set_load(c, foot, ground, ramp)
     slide = -foot.weight * profile[3, ahead] * c.v
     c.load, c.d_load = c.load - s * slide, c.d_load + slide
-    if c.side > 0 and c.bounds_met & FORWARD:
-        c.force, c.force_rate = c.forward + s * c.d_forward, c.d_forward
-    elif c.side < 0 and c.bounds_met & BACKWARD:
-        c.force, c.force_rate = -(c.backward + s * c.d_backward), -c.d_backward
+
+
+@inlined
+def rate_at_bound(c, e, ground, side):
+    """Find the rate of the force on a contact that is at a bound, which changes with its place on gradual ground.
+
+    Args:
+        c: the CONTACT, after `follow_ground`.
+        e: its BLOCK.
+        side: 1 at the forward bound, -1 at the backward bound.
+
+    Returns:
+        The rate [N].
+    """
+    if ground is None:
+        return e.upper if side > 0 else e.lower
+    return _rate_at_bound(c, e, ground.profile, side)
+
+
+@lean
+def _rate_at_bound(c, e, profile, side):
+    if profile is None:
+        return e.upper if side > 0 else e.lower
+    return c.d_forward if side > 0 else -c.d_backward
 
 
 @lean
@@ -159,15 +193,14 @@ def enter_ground(c, e, ground, ramp, i, away):
 def _enter_ground(c, e, foot, ground, profile, ramp, away):
     if profile is None:
         return
-    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, _place_of(c, foot) + away
+    ahead, behind, p = (foot.place + 1) // 2, foot.place // 2, place_on_track(c, foot) + away
     e.ahead, e.behind = slopes_of(foot, profile, ahead, behind, commands_at(ramp))
     moves = 0.0 if ramp.fall.falling else 1.0
     if c.fallen & FORWARD:
         e.ahead = 0.0
     elif e.upper < np.inf:
-        e.upper = moves * (hold(foot, ground, ahead, FORWARD, 1.0, p) - hold(foot, ground, ahead, FORWARD, 0.0, p))
+        e.upper = moves * _change_of(foot, ground, ahead, FORWARD, p)
     if c.fallen & BACKWARD:
         e.behind = 0.0
     elif e.lower > -np.inf:
-        change = hold(foot, ground, behind, BACKWARD, 1.0, p) - hold(foot, ground, behind, BACKWARD, 0.0, p)
-        e.lower = -moves * change
+        e.lower = -moves * _change_of(foot, ground, behind, BACKWARD, p)

@@ -84,10 +84,35 @@ def place_couplings(contacts, couplings, ramp):
             p += 1
         near, below, above = _near(contacts, coupling), z - pieces[p].begin, pieces[p].end - z
         due = coupling.next <= ramp.s
-        coupling.kinked = due or min(below, above) <= near
+        coupling.kinked = not ramp.stepping and (due or min(below, above) <= near)
         coupling.low = p - 1 if below < above else p
         if not coupling.kinked or abs(2 * (coupling.piece - coupling.low) - 1) != 1:
             coupling.piece = p
+
+
+@lean
+def pass_kinks(contacts, couplings, changed, one_only):
+    """Find the pieces of springs at the end of an implicit step, each at most one further than it was solved with.
+
+    Args:
+        changed: whether something else has changed already.
+        one_only: whether only one thing changes.
+
+    Returns:
+        Whether something has changed.
+    """
+    if couplings is None:
+        return changed
+    for k in range(couplings.each.shape[0]):
+        if changed and one_only:
+            break
+        coupling = couplings.each[k]
+        piece, near = couplings.pieces[coupling.piece], _near(contacts, coupling)
+        z = coupling.z + (contacts[coupling.b].v - contacts[coupling.a].v)
+        way = 1 if z > piece.end + near else (-1 if z < piece.begin - near else 0)
+        coupling.piece += way
+        changed |= way != 0
+    return changed
 
 
 @lean

@@ -31,6 +31,12 @@ def _finish_command(record, ramp, target, i, n):
 
 
 @inlined
+def _changes(record):
+    """Determine whether what a FOOT or a CONTACT holds of bounds and load changes along the ramp."""
+    return record.d_forward != 0.0 or record.d_backward != 0.0 or record.d_load != 0.0
+
+
+@inlined
 def begin_bounds(c, ground, ramp, target, i, n):
     """Begin the ramp of the bounds and the load of a contact.
 
@@ -45,7 +51,8 @@ def begin_bounds(c, ground, ramp, target, i, n):
         return abs(c.x)
     foot, forward, backward = ground.feet[i], c.forward, c.backward
     _begin_command(foot, target, i, n)
-    set_bounds(c, foot, ground, ramp)
+    if _changes(foot) or c.fallen != 0:
+        set_bounds(c, foot, ground, ramp)
     if c.fallen & FORWARD:
         c.forward, c.d_forward = forward, (c.forward - forward) + c.d_forward
     if c.fallen & BACKWARD:
@@ -68,7 +75,10 @@ def finish_bounds(c, ground, ramp, target, i, n):
         keep_before_walls(c, foot, ground.walls, i)
     rest_on_border(c, ground, ramp, i)
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
+    rests = not (_changes(foot) or _changes(c)) and c.fallen == 0 and not ramp.stepping
     _finish_command(foot, ramp, target, i, n)
+    if rests:
+        return
     set_bounds(c, foot, ground, ramp)
     if ramp.stepping and s == 1.0:  # a step without a solution leaves the rest of a fall to the next ramp
         close_jump(c, ground, ramp, i)
