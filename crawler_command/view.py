@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 _SUFFIXES = (".mp4", ".gif", ".html")
 _PERIODS = 4
 _FASTEST_GIF = 50.0
+_TICKS_A_FRAME = 16
+"""Ticks from one frame to the next: what slides is shown with an error of a part of a frame."""
+_MOST_NUMBERS = 40_000_000
+"""Largest number of ticks times contacts; beyond it there are fewer ticks in a frame."""
 
 
 def view(
@@ -252,6 +256,8 @@ def _shoot(
     source: str, start: float, end: float | None, fps: float, speed: float, progress: Callable[[float], None]
 ) -> Film:
     """Run a scene, and sample it at the frames of the film."""
+    import numpy as np
+
     from crawler_model import load_scene, prepare, simulate
     from crawler_pictures.film.film import film_of_run, frame_times
 
@@ -263,5 +269,7 @@ def _shoot(
         end = float(scene.drive.times[-1]) if period is None else start + _PERIODS * period
     times = frame_times(start, end, fps, speed)
     prepare(scene)
-    run = simulate(scene, float(times[-1]), fps / speed, progress=progress)
+    frames = float(times[-1]) * fps / speed
+    ticks = int(np.clip(_MOST_NUMBERS / (frames * scene.body.contacts), 1, _TICKS_A_FRAME))
+    run = simulate(scene, float(times[-1]), ticks * fps / speed, progress=progress)
     return film_of_run(scene, run).sample(times)

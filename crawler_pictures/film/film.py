@@ -29,12 +29,12 @@ class Film:
         share: weight of each contact in the net translation, shape (N,).
         time: simulated time, increasing, shape (F,) [s].
         displacement: shape (F, N), in the plane (F, N, 2) [m].
-        state: sliding since the instant before, 1 forward, -1 back, in the plane 1 in any direction, else 0, shape
-            (F, N).
+        state: sliding at that instant, 1 forward, -1 back, in the plane 1 in any direction, else 0, shape (F, N).
         tension: of each spring, of vector springs in the plane its size, shape (F, J) [N].
         forward: bounds of the spring force on each contact where tensions have bounds, shape (F, N), else (F, 0) [N].
         backward: bounds in the other direction, of the same shape [N].
         yields: mark of each spring, see `marks`, int8, shape (F, J); (F, 0) where none can be marked.
+        ticks: the run from the first to the last instant with all its ticks; None if the instants are its ticks.
     """
 
     scene: Scene
@@ -49,6 +49,12 @@ class Film:
     forward: np.ndarray
     backward: np.ndarray
     yields: np.ndarray
+    ticks: Film | None = None
+
+    @property
+    def path(self) -> Film:
+        """The run with all its ticks, for pictures over time."""
+        return self.ticks or self
 
     @property
     def planar(self) -> bool:
@@ -75,10 +81,21 @@ class Film:
         """Mean displacement y, shape (F,), in the plane (F, 2) [m]."""
         return np.asarray(np.tensordot(self.displacement, self.share, (1, 0)))
 
-    def sample(self, times: np.ndarray) -> Film:
-        """Sample the run at the frames of a film: positions and forces linearly, every slip since the frame before.
+    @property
+    def moved(self) -> np.ndarray:
+        """Displacement of each contact within the tick of each instant, shaped as the displacement [m]."""
+        path = self.path
+        steps = np.diff(path.displacement, axis=0, prepend=path.displacement[:1])
+        return np.asarray(steps[path._tick_of(self.time)])
 
-        What is slack or stalled is taken at the nearest instant.
+    def _tick_of(self, times: np.ndarray) -> np.ndarray:
+        """Find the ticks of instants, shape (K,); an instant at the end of a tick belongs to that tick."""
+        return np.minimum(np.searchsorted(self.time, times - 1.0 / NS), self.time.size - 1)
+
+    def sample(self, times: np.ndarray) -> Film:
+        """Sample the run at the frames of a film: positions and forces linearly, slips of the tick of the instant.
+
+        What is slack or stalled is taken at the nearest tick.
 
         Args:
             times: instants within the run, increasing, shape (K,) [s].
@@ -96,20 +113,18 @@ class Film:
             weight = part.reshape(-1, *(1,) * (values.ndim - 1))
             return np.asarray(values[before] + weight * (values[after] - values[before]))
 
-        rounding = 1.0 / NS  # an instant at the end of a tick belongs to that tick
-        first = np.append(after[:1], np.searchsorted(self.time, times[:-1] + rounding, side="right"))
-        last = np.minimum(np.searchsorted(self.time, times - rounding), self.time.size - 1)
-        slid = np.maximum.accumulate(np.where(self.state != 0, np.arange(self.time.size)[:, None], -1), axis=0)[last]
-        state = np.take_along_axis(self.state, np.maximum(slid, 0), axis=0)
+        shown = slice(int(before[0]), int(after[-1]) + 1)
+        over_time = ("time", "displacement", "state", "tension", "forward", "backward", "yields")
         return replace(
             self,
             time=times,
             displacement=blend(self.displacement),
-            state=np.where(slid >= np.minimum(first, last)[:, None], state, 0),
+            state=self.state[self._tick_of(times)],
             tension=blend(self.tension),
             forward=blend(self.forward),
             backward=blend(self.backward),
             yields=self.yields[np.where(part < 0.5, before, after)],
+            ticks=replace(self, **{name: getattr(self, name)[shown] for name in over_time}),
         )
 
 

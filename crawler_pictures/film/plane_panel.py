@@ -42,8 +42,8 @@ class PlanePanel:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$x$ [m]", ylabel="$y$ [m]")
         axes.grid(alpha=0.3)
         draw_areas(axes, film.scene)
-        self._velocity = np.diff(self._place, axis=0, prepend=self._place[:1])
-        self._most = float(np.linalg.norm(self._velocity, axis=2).max()) or 1.0
+        self._moved = film.moved[:, chosen]
+        self._most = float(np.linalg.norm(self._moved, axis=2).max()) or 1.0
         for i in range(chosen.size if chosen.size <= MOST_ARROWS else 0):
             axes.plot(*self._place[:, i].T, color=STICK, linewidth=0.8, zorder=1)
         (self._trails,) = axes.plot([], [], color=GREY, linewidth=1.1, zorder=1.5)
@@ -99,7 +99,7 @@ class PlanePanel:
         if place.shape[0] <= MOST_ARROWS:
             past = np.concatenate((self._place[: k + 1], np.full((1, place.shape[0], 2), np.nan)))
             self._trails.set_data(*past.transpose(1, 0, 2).reshape(-1, 2).T)
-            arrow = self._velocity[k] * slides[:, None] * (0.2 * self._reach / self._most)
+            arrow = self._moved[k] * slides[:, None] * (0.2 * self._reach / self._most)
             strokes = friction_strokes(self._body, place, 3.5 * width)
             self._strokes.set_data(*np.insert(strokes, 2, np.nan, axis=1).reshape(-1, 2).T)
             self._arrows.set_offsets(place)

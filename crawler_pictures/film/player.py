@@ -64,8 +64,9 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         "place": _pack(place),
         "state": _pack(film.state[:, chosen], "i1"),
         "joints": joints.tolist(),
-        "net": _pack(film.net_translation),
+        "path": _describe_path(film, chosen),
         "mean": _pack(film.net_translation + np.tensordot(film.share, film.rest, 1)),
+        "moved": _pack(film.moved[:, chosen]) if film.planar else None,
         "arrows": chosen.size <= MOST_ARROWS,
         "coils": joints.shape[0] <= MOST_COILS,
         "colors": {"1": FORWARD, "0": "#9a9a9a", "-1": BACK, "2": BOTH, "stick": STICK, "grey": GREY}
@@ -90,7 +91,8 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
         found["ground"] = _list_ground(film)
         found["walls"] = [[wall.at, wall.stops == "forward"] for wall in list_walls(film.scene, -np.inf, np.inf)]
     if film.planar or n > MOST_LINES:
-        image = join_states(film.state[1:], *divide(film.time, min(WIDTH, film.time.size - 1))).T
+        path = film.path
+        image = join_states(path.state[1:], *divide(path.time, min(WIDTH, path.time.size - 1))).T
         if n > HEIGHT:
             image = join_states(image, *divide(np.arange(n + 1.0), HEIGHT))
         found["kymograph"] = {"rows": image.shape[0], "columns": image.shape[1], "state": _pack(image, "i1")}
@@ -107,6 +109,19 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
             "point": _pack(swept.point),
             "window": [_pack(left), _pack(right), *heights],
         }
+    return found
+
+
+def _describe_path(film: Film, chosen: np.ndarray) -> dict[str, str]:
+    """Collect what the panels over time draw: the ticks at the frames, and those after which states change."""
+    path = film.path
+    changed = np.flatnonzero((path.state[1:, chosen] != path.state[:-1, chosen]).any(axis=1))
+    nearest = np.minimum(np.searchsorted(path.time, film.time), path.time.size - 1)
+    kept = np.unique(np.concatenate((nearest, changed)))
+    found = {"time": _pack(path.time[kept], "<f8"), "net": _pack(path.net_translation[kept])}
+    if not film.planar and chosen.size <= MOST_LINES:
+        found["place"] = _pack(path.place[kept][:, chosen])
+        found["state"] = _pack(path.state[kept][:, chosen], "i1")
     return found
 
 

@@ -146,7 +146,7 @@ class Stage:
 
     def _draw_states(self, axes: Axes) -> None:
         """Draw the kymograph: lines at their positions on the track, or an image of many contacts and in the plane."""
-        film, n = self._film, len(self._film.names)
+        film, n = self._film.path, len(self._film.names)
         if film.planar or n > min(MOST_LINES, _MOST_ROWS):
             joined = draw_states(axes, film.time, film.state, film.names, film.rest if not film.planar else None)
             title = "contacts over time" + (f"; {joined}" if joined else "")
@@ -157,7 +157,7 @@ class Stage:
         axes.set_title(title, loc="left", fontsize=9)
 
     def _draw_net(self, axes: Axes) -> None:
-        film = self._film
+        film = self._film.path
         for values, color, name in zip(
             film.net_translation.reshape(film.time.size, -1).T, ("black", "#888888"), "xy", strict=False
         ):

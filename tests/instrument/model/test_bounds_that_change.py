@@ -16,7 +16,7 @@ import pytest
 from crawler_model import Scene, simulate
 
 CASES = json.loads(Path(__file__).with_name("bounds_cases.json").read_text())
-QUICK = ("profile", "anchor", "profile+anchor", "steep")
+QUICK = ("profile", "anchor", "steep")
 """Kinds whose kernels other tests need, too."""
 
 

@@ -20,10 +20,12 @@ from PIL import Image, ImageSequence
 
 from crawler_command.app import main
 from crawler_command.screen import whole_file
+from crawler_command.view import animate
 from crawler_model import load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
 from crawler_pictures.colors import WALL, rgb
+from crawler_pictures.film import encode
 from crawler_pictures.film.camera import pan_camera
 from crawler_pictures.film.encode import write_gif, write_mp4
 from crawler_pictures.film.film import Film, film_of_run, frame_times
@@ -248,16 +250,39 @@ def test_a_page_of_many_contacts_names_how_many_it_draws(tmp_path):
     assert image.any(axis=1).sum() == np.maximum.reduceat(film.state[1:].any(axis=0), np.arange(400) * 5 // 2).sum()
 
 
-def test_a_sampled_run_keeps_positions_and_every_slip():
+def test_a_sampled_run_keeps_positions_and_the_slips_of_its_instants():
     scene = load_scene("three_contacts_two_ways")
     run = simulate(scene, 2.0, 100.0)
     film = film_of_run(scene, run).sample(np.array([0.0, 0.5, 1.0, 1.005, 2.0]))
     assert np.array_equal(film.displacement[[0, 1, 2, 4]], run.displacement[[0, 50, 100, 200]])
     middle = 0.5 * (run.displacement[100] + run.displacement[101])
     assert film.displacement[3] == pytest.approx(middle, abs=1e-15)
-    for k, (first, last) in enumerate(((1, 50), (51, 100)), start=1):
-        slid = (run.contact_state[first : last + 1] != 0).any(axis=0)
-        assert np.array_equal(film.state[k] != 0, slid)
+    assert np.array_equal(film.state, run.contact_state[[0, 50, 100, 101, 200]])
+    assert np.array_equal(film.path.state, run.contact_state)
+
+
+def test_arrows_in_the_plane_are_motions_of_the_tick_of_a_frame():
+    run = simulate(load_scene("planar_three_points"), 2.0, 100.0)
+    film = film_of_run(load_scene("planar_three_points"), run).sample(np.array([0.0, 0.5, 1.005, 2.0]))
+    steps = np.diff(run.displacement, axis=0, prepend=run.displacement[:1])
+    assert np.array_equal(film.moved, steps[[0, 50, 101, 200]])
+
+
+def test_a_fast_film_shows_at_an_instant_what_a_slow_one_shows(tmp_path, monkeypatch):
+    """And its panels over time have every slide, however few frames there are."""
+    shot, fine = {}, simulate(load_scene("two_anchor_b"), 8.0, 1000.0)
+
+    def find_slides(states: np.ndarray) -> list[list[int]]:
+        return [column[np.flatnonzero(np.diff(column, prepend=0))].tolist() for column in states.T]
+
+    monkeypatch.setattr(encode, "write_gif", lambda film, *_: shot.update({round(1.0 / film.step): film}))
+    for speed in ("1", "5"):
+        animate("two_anchor_b", tmp_path / f"{speed}.gif", fps=20.0, speed=float(speed), end=8.0)
+    slow, fast = shot[20], shot[4]
+    assert np.array_equal(fast.state, slow.state[::5])
+    assert np.allclose(fast.displacement, slow.displacement[::5], rtol=0.0, atol=1e-12)
+    slides = [find_slides(states) for states in (slow.path.state, fast.path.state, fine.contact_state)]
+    assert slides[0] == slides[1] == slides[2]
 
 
 @pytest.mark.parametrize("fps", [25, 30])
