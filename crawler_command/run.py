@@ -104,7 +104,9 @@ def run_controller(
             simulator.end(_RECORDS_S)
         last = simulator.last_line()
         simulator.relay()
-    if simulator.status != 0 and not received:
+    # SIGINT may find a simulator that leaves because its duration is over
+    has_failed = simulator.status != 0 and not (simulator.status == 130 and "stopped after" in simulator.noted)
+    if has_failed and not received:
         raise CrawlerError(f"the simulator failed: {last}")
     if status is None and duration is None and not received:
         raise CrawlerError(f"the simulator ended before the controller: {last}")

@@ -364,8 +364,10 @@ class Simulator(QuietNode):
                 self.get_logger().info(f"recorded {self.recorder.folder}")
         if self.feed is not None:
             self.feed.close()
-        nothing = "" if self.intake.received else "; no command was received"
-        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}{nothing}")
+        refused = self.intake.refusals.total
+        more = f"; {refused} message(s) were refused" if refused else ""
+        more = more if self.intake.received else "; no command was received"
+        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}{more}")
         self.leave()
 
 

@@ -90,12 +90,15 @@ def test_it_ends_with_the_controller_and_its_status(tmp_path, ros: Graph):
 SPINNING = """
 import threading
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Float64MultiArray
 
 rclpy.init()
 node = rclpy.create_node("spinning")
 lengths = node.create_publisher(Float64MultiArray, "actuation_controller/commands", 10)
-threading.Thread(target=rclpy.spin, args=(rclpy.create_node("beside"),)).start()
+beside = SingleThreadedExecutor()
+beside.add_node(rclpy.create_node("beside"))
+threading.Thread(target=beside.spin).start()
 try:
     while True:
         lengths.publish(Float64MultiArray(data=[0.0, 0.0]))
@@ -110,7 +113,8 @@ def test_a_stop_that_was_asked_for_is_no_error_of_the_controller_but_its_own_is(
     words = (SCENE, write(tmp_path, SPINNING.format(finally_="pass")), "--lock-step", "--duration", "0.1")
     run = ros.command("run", *words)
     assert run.wait() == 0
-    assert run.said.splitlines() == ["controller.py was ended; simulator stopped after 10 ticks, 0 late"]
+    said = [line for line in run.said.splitlines() if "compiling" not in line]
+    assert said == ["controller.py was ended; simulator stopped after 10 ticks, 0 late"]
     write(tmp_path, SPINNING.format(finally_="raise ValueError('clean-up')"))
     run = ros.command("run", *words)
     assert run.wait() == 0
@@ -139,6 +143,17 @@ WAITS = """
     while len(reports) < 3:  # each follows a look at the publishers
         rclpy.spin_once(node)
 """
+
+
+def test_the_summary_counts_what_was_refused(tmp_path, ros: Graph):
+    text = ENDLESS.replace("data=[1e-4 * (state.header.stamp.nanosec % 1000), 0.0]", "data=[0.0]")
+    text = text.replace("    print(", "    raise SystemExit\n    print(")
+    run = ros.command("run", SCENE, write(tmp_path, text), "--lock-step")
+    assert run.wait() == 0, run.said
+    assert (
+        "refused a message on actuation_controller/commands: actuation command has 1 value(s); it needs 2" in run.said
+    )
+    assert run.said.splitlines()[-1].endswith("simulator stopped after 0 ticks, 0 late; 1 message(s) were refused")
 
 
 def start(ros: Graph, folder: Path, **more: str | None) -> tuple[Process, int, list[str]]:
