@@ -22,7 +22,7 @@ from crawler_lab.identify.replica.replica import Replica
 from crawler_lab.identify.sensor.sensor import PERFECT
 from crawler_model import Scene, Trajectory, simulate
 
-from .coverage import QUICK_ROBOTS, ROBOTS, measure_coverage
+from .coverage import QUICK_ROBOTS, ROBOTS, measure_coverage, measure_mistakes
 from .entrants.mujoco import Tuning, build_document
 
 STEPS, QUICK = (1_000, 3_000), (300,)
@@ -172,14 +172,16 @@ def measure_identify(
 
 
 def measure_identification(steps: Sequence[int], progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Measure identification and the peer, then the coverage of its intervals under imperfect sensors.
+    """Measure identification and the peer, the coverage of its intervals under imperfect sensors, and mistakes.
 
     Returns:
-        The rows of `measure_identify`, then the rows of `measure_coverage`.
+        The rows of `measure_identify`, of `measure_coverage`, then of `measure_mistakes`.
     """
     robots = ROBOTS if len(steps) > 1 else QUICK_ROBOTS
     rows = measure_identify(steps, lambda part: progress(_PEER_PART * part))
-    return rows + measure_coverage(robots, lambda part: progress(_PEER_PART + (1.0 - _PEER_PART) * part))
+    half = 0.5 * (1.0 - _PEER_PART)
+    rows += measure_coverage(robots, lambda part: progress(_PEER_PART + half * part))
+    return rows + measure_mistakes(robots, lambda part: progress(_PEER_PART + half * (1.0 + part)))
 
 
 def _record(task: Task, noise: float) -> tuple[Trajectory, np.ndarray]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from crawler_model.compiled import clock
 from crawler_model.errors import CrawlerError
 from crawler_model.scene.scene import Scene
 
@@ -28,7 +28,7 @@ from ..replica.start import relax_start
 from ..sensor.noise import Noise
 
 _SECONDS = 30.0
-"""Time after which no other suspect is tried."""
+"""Time of the processor after which no other suspect is tried, however busy it is [s]."""
 _ROWS = 300
 """Rows of each recording in a trial."""
 _EVALUATIONS, _STARTS = 12, 2
@@ -44,6 +44,8 @@ _RATES = (29.97 / 30.0, 30.0 / 29.97, 24.0 / 25.0, 25.0 / 24.0, 25.0 / 30.0, 30.
 """Ratios of clocks that are mistaken for each other, as 29.97 frames a second for 30."""
 _NOISE, _ENOUGH = 1.5, 0.95
 """Mean square, in units of the noise, and part of the misfit explained, after which no other suspect is tried."""
+_ONSETS = (1.0 / 6.0, 1.0 / 3.0, 0.5, 2.0 / 3.0, 5.0 / 6.0)
+"""Parts of a recording after which a link may stick."""
 _JUMP = 1e-6
 
 
@@ -61,12 +63,13 @@ class Trial(NamedTuple):
     """Whether the number multiplies all that is measured, with its noise."""
 
 
-def list_trials(scene: Scene, recordings: Sequence[Measurements]) -> Iterator[Trial]:
+def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence[str]) -> Iterator[Trial]:
     """List all suspects; to add one, add a trial here.
 
     Args:
         scene: the scene.
         recordings: the recordings.
+        keys: of the parameters that are fitted.
 
     Yields:
         The trials; `{}` in `what` stands for the number.
@@ -90,11 +93,17 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements]) -> Iterator[Tr
         yield Trial("the clock of the positions is {:.3g} s late", _shift, [shift - late for late in _LATE])
         yield Trial("the commands end early; rows after them do not count", _end)
         yield Trial("commands are held until the next row, not straight between rows", _hold)
+        onsets = [part * float(first.time[-1]) for part in _ONSETS]
+        for name in lengths:
+            yield Trial(f"{name} does not move from {{:.3g}} s on", _stick(name), onsets)
         yield Trial(
             "the clock of the positions runs {:.6g} times as fast as that of the commands", _stretch, _RATES, True
         )
         yield Trial("commanded lengths are {:.4g} times as large", _scale_commands(lengths), (0.8, 0.9, 1.1), True)
-    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness, (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
+    stiff = any("stiffness" in key for key in keys)
+    for k in range(scene.body.springs if scene.body.springs == scene.body.link_springs.size and not stiff else 0):
+        yield Trial(f"stiffness of link_{k} is {{:.3g}} times as large", _scale_stiffness(k), (0.7, 1.3), True)
+    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness(None), (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
 
 
 def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[tuple[float, float, str]]:
@@ -109,7 +118,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
     """
     recordings = [_thin(r.measured, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
     noises = {(one.recording, one.channel): one.noise for one in misfits}
-    begin = clock()
+    begin = time.process_time()
     found: list[tuple[float, float, float, str]] = []
 
     def attempt(trial: Trial, amount: float) -> float:
@@ -121,8 +130,8 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
             return np.inf
 
     base = _fit_again(scene, recordings, problem, fit, noises)
-    for trial in list_trials(scene, recordings) if np.isfinite(base) else ():
-        if clock() - begin > _SECONDS or any(one[0] > _ENOUGH and one[1] < _NOISE for one in found):
+    for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
+        if time.process_time() - begin > _SECONDS or any(one[0] > _ENOUGH and one[1] < _NOISE for one in found):
             break
         costs = {amount: attempt(trial, amount) for amount in trial.amounts}
         if trial.continuous:
@@ -204,12 +213,30 @@ def _scale_values(scene: Scene, measured: Measurements, amount: float) -> tuple[
     return scene, dataclasses.replace(measured, values=measured.values * amount)
 
 
-def _scale_stiffness(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
-    document = scene.document()
-    links = document["body"]["links"]
-    for part in links if isinstance(links, list) else [links]:
-        part["stiffness"] = (amount * np.array(part["stiffness"])).tolist()
-    return Scene.model_validate(document), measured
+def _scale_stiffness(link: int | None) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+        count = scene.body.springs
+        factor = np.where((np.arange(count) == link) | (link is None), amount, 1.0)
+        values, document = (scene.body.stiffness * factor).tolist(), scene.document()
+        links = document["body"]["links"]
+        if isinstance(links, list):
+            document["body"]["links"] = [part | {"stiffness": v} for part, v in zip(links, values, strict=True)]
+        else:
+            links["stiffness"] = values
+        return Scene.model_validate(document), measured
+
+    return change
+
+
+def _stick(name: str) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+        time, rows, column = measured.command_time, measured.commands, measured.command_names.index(name)
+        times = np.unique(np.append(time, np.clip(amount, time[0], time[-1])))
+        rows = np.stack([np.interp(times, time, one) for one in rows.T], axis=1)
+        rows[times > amount, column] = rows[np.searchsorted(times, amount).clip(0, times.size - 1), column]
+        return scene, dataclasses.replace(measured, command_time=times, commands=rows)
+
+    return change
 
 
 def _shift(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:

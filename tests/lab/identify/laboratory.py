@@ -70,6 +70,8 @@ _SENSORS: dict[str, Callable[[np.random.Generator, np.ndarray], np.ndarray]] = {
 }
 """What each kind of sensor measures, shape (T, N) [m], of positions of the same shape."""
 KINDS = tuple(_SENSORS)
+WALKED = "walked before, white noise"
+"""A kind of record, for which `cut_robot` measures."""
 
 
 def build_robot(seed: int) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
@@ -192,23 +194,25 @@ def identify_robot(seed: int, kind: str, seconds: float = 10.0) -> dict[str, Any
 
     Args:
         seed: of the robot.
-        kind: of the sensor.
+        kind: of the sensor, or `WALKED`.
         seconds: as for `identify` [s].
 
     Returns:
-        Kind, number of intervals, how many contain the truth, their half widths relative to the values [1], the largest
+        Kind, number of intervals (of a sum once), how many contain the truth, their half widths relative to the values [1], the largest
         misfit in units of noise, whether the residuals are called noise, and the time [s].
     """
-    document, measured = measure_robot(seed, kind)
+    document, measured = cut_robot(seed) if kind == WALKED else measure_robot(seed, kind)
     begin = time.perf_counter()
     found = identify(guess_robot(document, seed), [measured], KEYS, hold_out=0.0, seconds=seconds)
     spent = time.perf_counter() - begin
-    inside, widths = 0, []
+    inside, widths, seen = 0, [], set()
     for p in found.parameters:
         low, high = p.interval
-        if p.verdict != "identified" or low is None or high is None:
+        names = frozenset((p.name, *p.partners))
+        if p.verdict not in ("identified", "sum") or low is None or high is None or names in seen:
             continue
-        true = _friction(document, p.name)
+        seen.add(names)
+        true = sum(_friction(document, name) for name in names)
         inside += low <= true <= high
         widths.append(0.5 * (high - low) / true)
     return {
