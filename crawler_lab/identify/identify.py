@@ -224,8 +224,9 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     score = score_held_out(problem, fit, covariance, parameters)
     where = find_where(misfits)
     width = np.maximum(below, above)
-    explained = where is not None and not fit.interrupted
-    explanations = explain_misfit(scene, problem, fit, misfits, width, seconds > 0.0) if explained else []
+    explained, tries = where is not None and not fit.interrupted, seconds > 0.0
+    explanations = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else []
+    unexplained = explained and tries and not _is_explained(explanations)
     if where is None and score is not None and score.size > _WORSE:
         where = score.worst
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
@@ -256,7 +257,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         warnings=(
             *warn_of_sensors(problem, sensors),
             *_warn(scene, problem, fit, parameters, where),
-            *(["nothing that was tried explains the misfit"] if explained and not _is_explained(explanations) else []),
+            *(["nothing that was tried explains the misfit"] if unexplained else []),
         ),
         recordings=tuple(r.measured for r in problem.replicas),
         residuals=fit.residuals.all,
