@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from tests.lab.identify.laboratory import KINDS, WALKED, identify_robot
 from .bench import THREADS
 
 ROBOTS, QUICK_ROBOTS = 200, 2
+Row = TypeVar("Row")
 
 
 def measure_coverage(robots: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
@@ -29,13 +30,7 @@ def measure_coverage(robots: int, progress: Callable[[float], None]) -> list[dic
         [%], the median half width relative to the value [%], the largest misfit in units of the noise, how many robots
         fit, and the median and 90 % quantile of the time [s].
     """
-    kinds = (*KINDS, WALKED)
-    tasks = [(seed, kind) for kind in kinds for seed in range(robots)]
-    found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
-        for done, row in enumerate(pool.map(identify_robot, *zip(*tasks, strict=True)), 1):
-            found[row["kind"]].append(row)
-            progress(done / len(tasks))
+    found = _measure_each((*KINDS, WALKED), robots, identify_robot, progress)
     return [_summarise(kind, rows) for kind, rows in found.items()]
 
 
@@ -46,14 +41,7 @@ def measure_mistakes(robots: int, progress: Callable[[float], None]) -> list[dic
         A row for each kind of mistake: number of robots, how many are called doubtful [%], and of how many the cause is
         the first explanation [%], None if no explanation is known.
     """
-    tasks = [(seed, kind) for kind in mistakes.KINDS for seed in range(robots)]
-    found: dict[str, list[tuple[bool, bool | None]]] = {kind: [] for kind in mistakes.KINDS}
-    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
-        for done, ((_, kind), row) in enumerate(
-            zip(tasks, pool.map(_judge_mistake, *zip(*tasks, strict=True)), strict=True), 1
-        ):
-            found[kind].append(row)
-            progress(done / len(tasks))
+    found = _measure_each(mistakes.KINDS, robots, _judge_mistake, progress)
     return [
         {
             "case": "mistake",
@@ -64,6 +52,20 @@ def measure_mistakes(robots: int, progress: Callable[[float], None]) -> list[dic
         }
         for kind, rows in found.items()
     ]
+
+
+def _measure_each(
+    kinds: Iterable[str], robots: int, measure: Callable[[int, str], Row], progress: Callable[[float], None]
+) -> dict[str, list[Row]]:
+    """Measure some robots of each kind, in as many processes as there are cores."""
+    found: dict[str, list[Row]] = {kind: [] for kind in kinds}
+    tasks = [(seed, kind) for kind in found for seed in range(robots)]
+    with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
+        rows = pool.map(measure, *zip(*tasks, strict=True))
+        for done, ((_, kind), row) in enumerate(zip(tasks, rows, strict=True), 1):
+            found[kind].append(row)
+            progress(done / len(tasks))
+    return found
 
 
 def _judge_mistake(seed: int, kind: str) -> tuple[bool, bool | None]:

@@ -48,12 +48,14 @@ _ONSETS = (1.0 / 6.0, 1.0 / 3.0, 0.5, 2.0 / 3.0, 5.0 / 6.0)
 """Parts of a recording after which a link may stick."""
 _JUMP = 1e-6
 
+_Change = Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
+
 
 class Trial(NamedTuple):
     """A suspect with its number."""
 
     what: str
-    change: Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
+    change: _Change
     """Change the scene and a recording by a number."""
     amounts: Sequence[float] = (1.0,)
     """Numbers that are tried."""
@@ -191,7 +193,7 @@ def _thin(measured: Measurements, rows: np.ndarray) -> Measurements:
     return dataclasses.replace(measured, time=measured.time[at], values=measured.values[at])
 
 
-def _scale_commands(names: Sequence[str]) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+def _scale_commands(names: Sequence[str]) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
         factor = np.array([amount if name in names else 1.0 for name in measured.command_names])
         return scene, dataclasses.replace(measured, commands=measured.commands * factor)
@@ -199,9 +201,7 @@ def _scale_commands(names: Sequence[str]) -> Callable[[Scene, Measurements, floa
     return change
 
 
-def _exchange(
-    field: Literal["channels", "command_names"], a: str, b: str
-) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+def _exchange(field: Literal["channels", "command_names"], a: str, b: str) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
         names: Any = {field: tuple({a: b, b: a}.get(name, name) for name in getattr(measured, field))}
         return scene, dataclasses.replace(measured, **names)
@@ -213,7 +213,7 @@ def _scale_values(scene: Scene, measured: Measurements, amount: float) -> tuple[
     return scene, dataclasses.replace(measured, values=measured.values * amount)
 
 
-def _scale_stiffness(link: int | None) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+def _scale_stiffness(link: int | None) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
         count = scene.body.springs
         factor = np.where((np.arange(count) == link) | (link is None), amount, 1.0)
@@ -228,7 +228,7 @@ def _scale_stiffness(link: int | None) -> Callable[[Scene, Measurements, float],
     return change
 
 
-def _stick(name: str) -> Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]:
+def _stick(name: str) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
         time, rows, column = measured.command_time, measured.commands, measured.command_names.index(name)
         times = np.unique(np.append(time, np.clip(amount, time[0], time[-1])))
