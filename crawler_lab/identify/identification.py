@@ -16,6 +16,7 @@ from .fit.misfit import Misfit
 from .forecast.posterior import GAIN, Posterior
 from .judge.explain import Explanation
 from .judge.held_out import HeldOut
+from .judge.rate import RateEffect
 from .judge.sensors import SensorNumber
 from .judge.verdicts import Parameter
 from .measurements import Measurements
@@ -41,6 +42,7 @@ class Identification:
         where: where the misfit is largest; None if there is none.
         misfits: the size of the residuals of each channel.
         explanations: changes of the model that would explain a misfit, the best one first.
+        rate: whether the robot depends on the rate; None if the recordings have no drive at two speeds.
         warnings: one line each.
         recordings: the measurements.
         residuals: simulated minus measured, for each recording, shape (T, M) [m]; NaN where nothing is measured.
@@ -64,6 +66,7 @@ class Identification:
     where: str | None
     misfits: tuple[Misfit, ...]
     explanations: tuple[Explanation, ...]
+    rate: RateEffect | None
     warnings: tuple[str, ...]
     recordings: tuple[Measurements, ...]
     residuals: tuple[np.ndarray, ...]
@@ -128,6 +131,7 @@ class Identification:
             "where": self.where,
             "misfits": [m.as_plain() for m in self.misfits],
             "explanations": [asdict(e) for e in self.explanations],
+            "rate": None if self.rate is None else self.rate.as_plain(),
             "warnings": list(self.warnings),
             "inertia": None if self.inertia is None else self.inertia.summary(),
             "speeds": self.speeds,

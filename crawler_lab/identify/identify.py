@@ -25,6 +25,7 @@ from .judge.bounds import release
 from .judge.explain import Explanation, explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
+from .judge.rate import judge_rate
 from .judge.sensors import doubt_sensor, judge_sensors, warn_of_sensors
 from .judge.structure import Structure, find_covariance, find_structure
 from .judge.verdicts import Parameter, doubt, judge
@@ -254,6 +255,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         where=where,
         misfits=misfits,
         explanations=tuple(explanations),
+        rate=judge_rate(problem, fit.residuals, misfits),
         warnings=(
             *warn_of_sensors(problem, sensors),
             *_warn(scene, problem, fit, parameters, where),

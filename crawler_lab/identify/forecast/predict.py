@@ -75,6 +75,33 @@ class Beyond:
     why: str
 
 
+@dataclass(frozen=True)
+class Faster:
+    """A length that a drive changes faster than the record did: the model has no speed, but robots do.
+
+    Attributes:
+        name: of its column.
+        speed: its fastest change in the drive [m/s, of segments 1/s].
+        recorded: its fastest change in the record [m/s, of segments 1/s].
+    """
+
+    name: str
+    speed: float
+    recorded: float
+
+    def describe(self) -> str:
+        """Describe it.
+
+        Returns:
+            One line.
+        """
+        return (
+            f"the drive is faster than the record was: it changes {self.name} at up to {self.speed:.3g}, "
+            f"{self.speed / self.recorded:.3g} times as fast; the model has no speed, so nothing in the record shows "
+            "what the robot does there"
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Forecast:
     """What a drive does with an identified body.
@@ -95,6 +122,7 @@ class Forecast:
         notes: what else limits the prediction, one line each.
         transient_left: estimate of how far `gain` is from the limit cycle's [m]; 0 without a limit cycle.
         inertia: the inertia number of the drive; None for a scene without masses and weights.
+        faster: the length by which the drive is faster than the record by most; None if it is not faster.
     """
 
     scene: Scene
@@ -111,6 +139,7 @@ class Forecast:
     notes: tuple[str, ...]
     transient_left: float
     inertia: Inertia | None = None
+    faster: Faster | None = None
 
     @property
     def contacts(self) -> tuple[str, ...]:
@@ -166,6 +195,7 @@ class Forecast:
             ],
             "notes": list(self.notes),
             "inertia": None if self.inertia is None else self.inertia.summary(),
+            "faster": None if self.faster is None else dataclasses.asdict(self.faster),
             "transient_left": self.transient_left if np.isfinite(self.transient_left) else None,
         }
 
@@ -233,6 +263,7 @@ def predict(
     low, high = _bands(posterior, names, [best, *found])
     bands = [Band(*(float(array[k]) for array in (best.results, low, high))) for k in range(TOTALS)]
     shape = (best.time.size, played.body.contacts)
+    faster = _find_faster(posterior, played)
     position, lows, highs = (frozen(array[TOTALS:].reshape(shape)) for array in (best.results, low, high))
     return Forecast(
         scene=played,
@@ -248,9 +279,13 @@ def predict(
         depends_on_bounds=tuple(
             Beyond(name, bounds[name], _explain(played, name, bounds[name], far)) for name, far in matter.items()
         ),
-        notes=(*_notes(posterior, names, best, own_drive=drive is None), *_note_speed(posterior, played)),
+        notes=(
+            *_notes(posterior, names, best, own_drive=drive is None),
+            *([] if faster is None else [faster.describe()]),
+        ),
         transient_left=best.transient_left,
         inertia=find_inertia(played),
+        faster=faster,
     )
 
 
@@ -358,17 +393,12 @@ def _explain(scene: Scene, name: str, interval: Interval, far: bool) -> str:
     return f"{contact} slides {way} under this drive; " + known % "its friction"
 
 
-def _note_speed(posterior: Posterior, played: Scene) -> list[str]:
-    """Note lengths that the drive changes faster than the record did: the model does not depend on it, robots do."""
+def _find_faster(posterior: Posterior, played: Scene) -> Faster | None:
+    """Find the length by which a drive is faster than the record by most."""
     speeds = measure_speeds(played)
-    faster = {name: speeds[name] / most for name, most in posterior.speeds.items() if speeds.get(name, 0.0) > most > 0}
-    if not faster or max(faster.values()) <= _FASTER:
-        return []
-    name = max(faster, key=lambda key: faster[key])
-    return [
-        f"the drive is faster than the record was: it changes {name} at up to {speeds[name]:.3g}, {faster[name]:.3g} "
-        "times as fast; the model has no speed, so nothing in the record shows what the robot does there"
-    ]
+    found = [Faster(name, speeds.get(name, 0.0), most) for name, most in posterior.speeds.items() if most > 0.0]
+    worst = max(found, key=lambda one: one.speed / one.recorded, default=None)
+    return None if worst is None or worst.speed <= _FASTER * worst.recorded else worst
 
 
 def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_drive: bool) -> tuple[str, ...]:

@@ -153,6 +153,8 @@ def _describe_misfit(found: Identification) -> list[str]:
         )
     if not found.model_fits:
         lines.append(f"the model does not fit: {found.where}")
+    if found.rate is not None:
+        lines.append(found.rate.describe())
     if found.inertia is not None:
         lines.append(found.inertia.describe(found.scene.body))
     if _rests_on_gain(found):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,9 @@ def test_a_prediction_notes_a_drive_that_is_faster_than_all_records():
     assert found.inertia is None
     assert found.summary()["inertia"] is None
     drive = {"times": TIMES.tolist(), "actuation": ROWS.tolist(), "period": 4.0}
-    for pace, notes in ((2.0, 0), (3.0, 1)):
+    for pace, times in ((2.0, None), (3.0, 1.5)):
         faster = drive | {"times": (TIMES / pace).tolist(), "period": 4.0 / pace}
-        told = predict(found.scene, found.summary(), Scene.model_validate(chain(3) | {"drive": faster})).notes
-        assert sum("faster than the record" in note and "1.5 times" in note for note in told) == notes
+        told = predict(found.scene, found.summary(), Scene.model_validate(chain(3) | {"drive": faster}))
+        assert (told.faster and told.faster.speed / told.faster.recorded) == (times and pytest.approx(times))
+        assert sum("faster than the record" in note and "1.5 times" in note for note in told.notes) == bool(times)
+        assert told.summary()["faster"] == (told.faster and dataclasses.asdict(told.faster))
