@@ -45,6 +45,10 @@ SKINS = {
     "carpet": (0.55, 4.01),
 }
 """Friction coefficients of the skin of a modular inchworm on seven grounds, forward and backward."""
+SPEEDS = {4.0: 9.0, 2.0: 3.5, 1.0: 30.0, 0.5: 30.0}
+"""Of a folded inchworm: its mean speed [mm/s] at each period of its gait [s]."""
+WHEELS = (0.9, 0.1, 0.35, 0.5, 0.2, 0.65, 0.42, 0.8, 0.3)
+"""Commanded speeds of nine contacts [m/s], an example."""
 EFFICIENCY = 0.964
 """Of an inchworm of smart soft composite: step over stroke."""
 STIFFNESS, STROKE, WEIGHT = 20.0, 0.1, 1.0
@@ -166,6 +170,37 @@ def compare_skins() -> list[str]:
     return rows
 
 
+def compare_periods() -> list[str]:
+    """Predict the steps of a folded inchworm at other periods from that at the longest one: they are the same."""
+    told = SPEEDS[max(SPEEDS)] * max(SPEEDS)
+    return [
+        _row(f"{period:g} s", f"{speed:g} mm/s", f"{speed * period:.1f} mm", f"{told:.1f} mm")
+        for period, speed in SPEEDS.items()
+    ]
+
+
+def roll(speeds: tuple[float, ...], pull: float = 0.0) -> tuple[float, float, bool]:
+    """Move a hub without friction by contacts whose speeds relative to it are commanded, each on an elastic leg.
+
+    Returns:
+        The speed of the hub in the second half of 4 s [m/s], its lag behind this speed [m], and whether it is unique.
+    """
+    count, duration = len(speeds), 4.0
+    links = {"stiffness": STIFFNESS, "between": [[0, i + 1] for i in range(count)]}
+    scene = {
+        "name": "wheels",
+        "body": {"contacts": [0.1 * i for i in range(count + 1)], "links": links},
+        "friction": {"isotropic": [0.0] + [0.2] * count},
+        "loads": [pull] + [0.0] * count,
+        "drive": {"times": [0.0, duration], "actuation": [[0.0] * count, [-duration * v for v in speeds]]},
+        "start": "relaxed",
+    }
+    run = simulate(Scene.model_validate(scene), duration, rate=25.0)
+    place = run.displacement[:, 0]
+    speed = float(place[-1] - place[50]) / (0.5 * duration)
+    return speed, float(place[-1]) - duration * speed, run.unique
+
+
 def _millimetres(*values: float) -> str:
     return ", ".join(f"{round(1e3 * value, 1) + 0.0:+.1f}" for value in values) + " mm"
 
@@ -212,6 +247,9 @@ def compare_claims() -> list[str]:
     gels = [gel | {"drive": gel["drive"] | {"wave": gel["drive"]["wave"] | {"amplitude": a}}} for a in (0.3, -0.3)]
     waves = [gain(Scene.model_validate(one), 4) for one in gels]
     slow, fast = (_paced(forward, pace) for pace in (1.0, 0.1))
+    pulled = ", ".join(f"{roll(WHEELS, 0.2 * pull)[0]:.2f}" for pull in (0.0, 1.5, 3.5, 5.5))
+    scales = [gain(two_contacts(STIFFNESS, STROKE, {"forward": f, "backward": 3 * f})) for f in (0.1, 0.2, 0.4)]
+    tripled = gain(two_contacts(STIFFNESS, STROKE, {"forward": 0.2, "backward": 1.8}))
     return [
         _row("[1] breathing", "net motion", breathing),
         _row("[6] no friction", "cannot crawl", f"{_millimetres(none.per_period[-1])}; unique: {none.unique}"),
@@ -225,6 +263,11 @@ def compare_claims() -> list[str]:
         _row("[11] and strokes wrong by 30 %", "faster", _millimetres(*(worm(mu, 0.0, 0.3) for mu in (0.1, 0.4)))),
         _row("[11] tolerance of a stroke", "softness over friction", tolerance()),
         _row("[12] ten times the frequency", "can turn it round", f"the same to {abs(slow - fast):.0e} m"),
+        _row("[23] nine wheels, median 0.42 m/s", "the median", f"{roll(WHEELS)[0]:.2f} m/s"),
+        _row("[23] ten wheels", "the median", f"unique: {roll((*WHEELS, 0.6))[2]}"),
+        _row("[23] nine, pulled by 0, 1.5, 3.5, 5.5 mu", "a force sets the speed", f"{pulled} m/s"),
+        _row("[25] forces 1, 2 and 4 times, ratio 3", "ratio does not predict speed", _millimetres(*scales)),
+        _row("[25] ratio 3, then 9", "ratio does not predict speed", _millimetres(scales[1], tripled)),
     ]
 
 
@@ -276,7 +319,14 @@ def _row(*cells: str) -> str:
 
 def tables() -> list[str]:
     """Return all rows that stand in the page, in order."""
-    return [*summarize_inchworm(), *compare_inchworm(), *compare_skins(), *compare_analyses(), *compare_claims()]
+    return [
+        *summarize_inchworm(),
+        *compare_inchworm(),
+        *compare_skins(),
+        *compare_periods(),
+        *compare_analyses(),
+        *compare_claims(),
+    ]
 
 
 def draw_steps(axis: Axes) -> None:

@@ -16,12 +16,16 @@ DOCS = Path(__file__).parent.parent.parent / "docs"
 PAGE = (DOCS / "validation.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def validation():
-    spec = importlib.util.spec_from_file_location("validation", DOCS / "validation.py")
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def validation():
+    return load("validation")
 
 
 def test_the_page_has_the_rows_of_the_script_in_order(validation):
@@ -56,6 +60,31 @@ def test_two_anchors_lose_what_the_sliding_one_takes(validation, load):
     back = validation.gain(validation.anchored((0.1, 0.5), (0.5, 0.1), load))
     assert there == pytest.approx(0.1 - 2 * (0.1 - load) / 20, abs=1e-12)
     assert back == pytest.approx(-(0.1 - 2 * (0.1 + load) / 20), abs=1e-12)
+
+
+def test_contacts_of_commanded_speeds_move_a_body_with_their_median(validation):
+    speeds = np.random.default_rng(3).uniform(-1.0, 1.0, 7)
+    speed, lag, unique = validation.roll(tuple(speeds))
+    assert speed == pytest.approx(np.median(speeds), abs=1e-12)
+    assert abs(lag) <= 0.2 / validation.STIFFNESS
+    assert unique
+
+
+def test_pressures_become_the_angles_of_their_calibration():
+    data = load("validation_data")
+    line = [2.0**-7, 0.0]  # pressure over angle
+    calibration = data.find_constant(f"clb = {dict.fromkeys(range(6), line)}", "clb")
+    angles = data.find_angles([1.0, 0.5, 0.0, 0.25, 0.0, 0.75], calibration)
+    np.testing.assert_allclose(angles, [128.0, 64.0, -32.0, 1e-3, 96.0], rtol=1e-6)
+
+
+def test_the_gecko_walks_straight_if_its_steps_mirror_each_other():
+    data = load("validation_data")
+    right, left = np.array([85.0, 5.0, -80.0, 85.0, 5.0]), np.array([5.0, 85.0, 80.0, 5.0, 85.0])
+    turn, ahead, aside = data.travel(data.build_gecko(right, left, 0.02))
+    assert abs(turn) < 0.1
+    assert 11.0 < ahead < 13.0  # cm, of a torso of 10.3 cm
+    assert abs(aside) < 0.1
 
 
 def test_half_the_stroke_or_twice_the_friction_lose_twice_as_much(validation):
