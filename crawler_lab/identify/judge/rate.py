@@ -121,10 +121,13 @@ def judge_rate(problem: Problem, residuals: Residuals, misfits: Sequence[Misfit]
         The verdict; None if no drive was passed at two speeds, one at least twice the other.
     """
     recordings = [replica.measured for replica in problem.replicas]
-    slow, fast = _find_speeds([cycle for i, one in enumerate(recordings) for cycle in _cut(i, one)])
+    # the lag of a recording without a fitted row is not known
+    fitted = [i for i, rows in enumerate(problem.rows) if rows.any()]
+    slow, fast = _find_speeds([cycle for i in fitted for cycle in _cut(i, recordings[i])])
     if not fast:
         return None
-    names = [name for name in recordings[0].channels if all(name in one.channels for one in recordings)]
+    channels = [recordings[c.recording].channels for c in (*slow, *fast)]
+    names = [name for name in channels[0] if all(name in one for one in channels)]
     rows = min(float(np.median(np.diff(recordings[c.recording].time))) for c in fast)
     bins = int(np.clip(min(c.duration for c in fast) / rows / 2.0, *_BINS))
     changes = []
@@ -153,7 +156,7 @@ def _measure_path(measured: Measurements) -> np.ndarray:
 
 def _cut(recording: int, measured: Measurements) -> list[_Cycle]:
     """Cut the path of the commands into cycles; commands that do not repeat are one."""
-    if not np.ptp(measured.commands, axis=0).any():
+    if not measured.command_names or not np.ptp(measured.commands, axis=0).any():
         return []
     path = _measure_path(measured)
     last = np.append(np.diff(path) > 0.0, True)  # commands that are held belong to the cycle before
@@ -171,7 +174,9 @@ def _cut(recording: int, measured: Measurements) -> list[_Cycle]:
 def _find_speeds(cycles: Sequence[_Cycle]) -> tuple[list[_Cycle], list[_Cycle]]:
     """Find the drive with the most different speeds, and its slow and fast cycles; none if there is one speed only."""
     best: tuple[list[_Cycle], list[_Cycle]] = [], []
-    most = _APART
+    most, all_durations = _APART, [cycle.duration for cycle in cycles]
+    if max(all_durations, default=0.0) < most * min(all_durations, default=0.0):
+        return best
     for cycle in cycles:
         spans = _SAME * np.ptp(cycle.commands, axis=1, keepdims=True)
         alike = [

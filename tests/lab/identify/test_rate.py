@@ -106,6 +106,14 @@ def test_one_speed_tells_nothing():
     assert fit(records[0]).summary()["rate"] is None
 
 
+def test_recordings_of_the_drive_of_the_scene_tell_nothing():
+    times, rows = gait(2.0, 2.0)
+    driven = Scene.model_validate(chain(3) | {"drive": {"times": times, "actuation": rows.tolist()}})
+    record = dataclasses.replace(measure(chain(3), times, rows), command_names=(), commands=np.zeros((0, 0)))
+    record = dataclasses.replace(record, command_time=np.zeros(0))
+    assert identify(driven, [record], ["friction.forward"], seconds=0.0).rate is None
+
+
 def test_the_report_names_the_channel_and_the_size(viscous):
     text = io.StringIO()
     print_identification(viscous, Console(file=text, width=400))
