@@ -408,6 +408,8 @@ def follow_events(contacts, springs, model, ramp):
                 continue
             over = _is_over(contacts, springs, ramp)
             _give_up(contacts, springs, model, ramp, count)
+            if ramp.effort > ramp.budget and 0.0 < ramp.s < 1.0:  # a jump was not looked for
+                return SPENT
             return DONE if over else UNSOLVED
         # a contact whose bound has fallen below its force jumps: commands rest until it is held again
         if ramp.fall.due > 0:

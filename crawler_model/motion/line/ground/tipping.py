@@ -20,8 +20,8 @@ def tip(contacts, springs, model, ground, ramp, count):
     """Let a contact of a block without a solution jump.
 
     A contact can begin to if, at fixed commands, its force does not fall below its bound when it is moved and the
-    others follow.
-    Where several can, the first one whose ground holds less and less does, and the end of the jump is one of several.
+    others follow. Where several can, the one whose force falls fastest as it moves does, because its falling bound then
+    leads it longest, and the end of the jump is one of several.
 
     Args:
         ground: the `Terrain`; `due` of the ramp is then the contact.
@@ -38,8 +38,8 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
         return
     if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget or is_long(ground, ramp):
         return
-    block, first, way, found = model.block, -1, 0, 0
-    ambiguous, least = ramp.account.ambiguous, np.inf
+    block, first, way, found, least = model.block, -1, 0, 0, np.inf
+    ambiguous = ramp.account.ambiguous
     falling, ramp.fall.falling = ramp.fall.falling, 1  # in a fall commands rest
     for row in range(count):
         e = block[row]
@@ -52,12 +52,12 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
             if find_sides(contacts, springs, model, ramp, count):
                 foot = ground.feet[e.contact]
                 slope += foot.grows_forward if side == FORWARD else foot.grows_backward  # it moves at a velocity of 1
-                excess = e.force - slope * e.v
+                sign = 1.0 if side == FORWARD else -1.0
                 size = abs(slope) + 1.0 / compliance
-                if (excess if side == FORWARD else -excess) > -NEUTRAL * size:
+                if sign * (e.force - slope * e.v) > -NEUTRAL * size:
                     found += 1
-                    if first < 0 or (slope < 0.0 <= least):
-                        first, way, least = e.contact, side, slope
+                    if sign * e.force < least - NEUTRAL * size:
+                        first, way, least = e.contact, side, sign * e.force
             e.ahead, e.behind = ahead, behind
     ramp.account.ambiguous = ambiguous if found < 2 else 1.0
     ramp.fall.falling = falling
