@@ -143,7 +143,8 @@ def _assemble_couplings(parts: SceneParts, body: Body) -> tuple[Coupling, ...]:
     if parts.couplings and body.has_flat_springs:
         raise SceneError(
             "friction.with_elongation: with links or segments whose tension can stay constant as they change their "
-            "length (`tension`, flat pieces of a `curve`) it is not supported; give each a stiffness"
+            "length (`tension`, flat pieces of a `curve`) nothing may tell where a part between them slides to; give "
+            "flat pieces a slope in a `curve`, such as a millionth of the stiffness"
         )
     found: list[tuple[int, int, np.ndarray, np.ndarray]] = []
     names = {segment.name: segment for segment in body.segments}

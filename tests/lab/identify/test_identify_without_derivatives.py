@@ -91,6 +91,26 @@ def test_the_numbers_of_gradual_ground_and_the_place_of_a_wall_are_found(
         assert parameter.value == pytest.approx(true, rel=0.05)
 
 
+def test_the_friction_that_links_add_is_found() -> None:
+    """Where they reach; beyond, nothing tells."""
+    entry = {"link": 0, "contacts": [0, 1], "elongation": [-0.2, -0.08, 0.0], "added": [1.0, 0.3, 0.0]}
+    rows = [[0.0, 0.0], [-0.1, 0.0], [-0.1, -0.1], [0.0, -0.1], [0.0, 0.0]]
+    data: dict[str, Any] = {
+        "name": "worm",
+        "body": {"contacts": [0.0, 0.5, 1.0], "links": {"stiffness": 20.0}},
+        "friction": {"isotropic": 0.1, "with_elongation": [entry]},
+        "drive": {"times": [0.0, 1.0, 2.0, 3.0, 4.0], "period": 4.0, "actuation": rows},
+    }
+    keys = [f"friction.with_elongation[0].added[{j}]" for j in (0, 1)]
+    scene = Scene.model_validate(data)
+    first = vary(scene, {keys[0]: [0.8], keys[1]: [0.4]}, grid=False)[0]
+    unreached, reached = identify(first, [record(scene, 8.0)], keys, sensor=PERFECT, seconds=0.0).parameters
+    assert unreached.verdict == "not excited"
+    assert reached.verdict == "identified"
+    assert reached.interval[0] < 0.3 < reached.interval[1]
+    assert reached.value == pytest.approx(0.3, rel=0.01)
+
+
 def test_a_frame_in_the_plane_has_an_offset_along_each_axis() -> None:
     measured = record("planar_rectilinear", 3.0)
     moved = Measurements(**(vars(measured) | {"values": measured.values + np.tile([0.3, -0.2], 2)}))
