@@ -21,7 +21,8 @@ _SAME = 0.05
 _FEWEST = 3
 """Cycles of a recording from which on the first one, which depends on the start, does not count."""
 _LEAST = 0.5
-"""Difference in units of the noise below which there is none."""
+"""Difference in units of the noise, and of the residuals, below which there is none: a misfit is not quite the same at
+two speeds, because recordings begin and end elsewhere."""
 _CHANCE = 0.01
 _CORRELATED = 4.0
 """Neighbouring parts of a cycle that noise with a memory makes alike."""
@@ -36,12 +37,14 @@ class Change:
         difference: root mean square, over the drive, of the change from slow to fast cycles, without what noise
             contributes to it [m].
         noise: standard deviation of a measured value [m].
+        residual: root mean square of the residuals in a mean cycle, at the speed at which they are larger [m].
         chance: probability that mere noise shows as large a difference [1].
     """
 
     channel: str
     difference: float
     noise: float
+    residual: float
     chance: float
 
     @property
@@ -49,13 +52,18 @@ class Change:
         """The difference in units of the noise [1]."""
         return self.difference / self.noise
 
+    @property
+    def counts(self) -> bool:
+        """Whether it is larger than half of the noise and half of the residuals."""
+        return self.difference > _LEAST * max(self.noise, self.residual)
+
 
 @dataclass(frozen=True)
 class RateEffect:
     """What recordings of one drive at two speeds tell about the dependence on the rate.
 
     Attributes:
-        depends: whether a channel differs by more than noise and by more than half of its size.
+        depends: whether a channel differs by more than chance, half of its noise and half of its residuals.
         durations: of a slow and of a fast cycle [s].
         cycles: number of slow and of fast ones.
         changes: of each channel.
@@ -123,7 +131,10 @@ def judge_rate(problem: Problem, residuals: Residuals, misfits: Sequence[Misfit]
     recordings = [replica.measured for replica in problem.replicas]
     # the lag of a recording without a fitted row is not known
     fitted = [i for i, rows in enumerate(problem.rows) if rows.any()]
-    slow, fast = _find_speeds([cycle for i in fitted for cycle in _cut(i, recordings[i])])
+    cycles: list[_Cycle] = []
+    for i in fitted:
+        cycles += _cut(i, recordings[i], cycles[0].commands if cycles else None)
+    slow, fast = _find_speeds(cycles)
     if not fast:
         return None
     channels = [recordings[c.recording].channels for c in (*slow, *fast)]
@@ -134,13 +145,16 @@ def judge_rate(problem: Problem, residuals: Residuals, misfits: Sequence[Misfit]
     for name in names:
         known = [one for one in misfits if one.channel == name]
         tables = [_tabulate(recordings, residuals, group, name, bins) for group in (slow, fast)]
+        pixel = max(
+            problem.pixels[i][recordings[i].channels.index(name)] for i in {c.recording for c in (*slow, *fast)}
+        )
         if known and all(tables):
-            changes.append(_compare(name, known, *(np.array(table) for table in tables)))
+            changes.append(_compare(name, known, pixel, *(np.array(table) for table in tables)))
     if not changes:
         return None
     chance = _CHANCE / len(changes)
     return RateEffect(
-        any(one.chance < chance and one.ratio > _LEAST for one in changes),
+        any(one.chance < chance and one.counts for one in changes),
         (float(np.median([c.duration for c in slow])), float(np.median([c.duration for c in fast]))),
         (len(slow), len(fast)),
         tuple(changes),
@@ -154,20 +168,51 @@ def _measure_path(measured: Measurements) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
 
 
-def _cut(recording: int, measured: Measurements) -> list[_Cycle]:
-    """Cut the path of the commands into cycles; commands that do not repeat are one."""
+def _sample(path: np.ndarray, commands: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Interpolate the commands at places of the path, shape (C, places)."""
+    return np.array([np.interp(places, path, column) for column in commands.T])
+
+
+def _find_length(path: np.ndarray, commands: np.ndarray) -> float:
+    """Find the shortest part of the path after which the commands repeat; all of it if they do not [1]."""
+    rough = find_period(path, commands)
+    if rough is None:
+        return float(path[-1])
+    span = np.ptp(commands, axis=0)[:, None]
+    even = np.linspace(0.0, path[-1], 512)
+
+    def differ(length: float) -> float:
+        places = even[even <= path[-1] - length]
+        apart = np.abs(_sample(path, commands, places + length) - _sample(path, commands, places))
+        return float((apart / np.where(span > 0.0, span, 1.0)).max(initial=0.0))
+
+    for near in (rough / parts for parts in (4, 3, 2, 1)):
+        tried = [*(near * np.linspace(0.95, 1.05, 101)), *path[np.abs(path / near - 1.0) < 0.05]]
+        best = min(tried, key=differ)
+        best = min([best, *(best + near * np.linspace(-1e-3, 1e-3, 21))], key=differ)
+        if differ(best) <= _SAME:
+            return float(best)
+    return float(path[-1])
+
+
+def _cut(recording: int, measured: Measurements, like: np.ndarray | None) -> list[_Cycle]:
+    """Cut the path of the commands into cycles, which begin where the commands of another cycle do, if there is one."""
     if not measured.command_names or not np.ptp(measured.commands, axis=0).any():
         return []
     path = _measure_path(measured)
     last = np.append(np.diff(path) > 0.0, True)  # commands that are held belong to the cycle before
     path, commands, time = path[last], measured.commands[last], measured.command_time[last]
-    length = find_period(path, commands) or float(path[-1])
+    length, begin, places = _find_length(path, commands), 0.0, np.linspace(0.0, 1.0, 33)
+    if like is not None and like.shape[0] == commands.shape[1]:
+        begins = np.concatenate((length * np.arange(64) / 64.0, path))
+        begins = begins[(begins < length) & (begins + length <= path[-1] * (1.0 + 1e-9))]
+        apart = [np.abs(_sample(path, commands, one + length * places) - like).max() for one in begins]
+        begin = float(begins[int(np.argmin(apart))])
     found = []
-    for k in range(round(path[-1] / length - 0.45)):
-        places = length * (k + np.linspace(0.0, 1.0, 33))
-        sampled = np.array([np.interp(places, path, column) for column in commands.T])
-        duration = float(np.diff(np.interp(places[[0, -1]], path, time))[0])
-        found.append(_Cycle(recording, duration, sampled, k * length, length))
+    for k in range(int((path[-1] - begin) / length + 0.05)):
+        along = begin + length * (k + places)
+        duration = float(np.diff(np.interp(along[[0, -1]], path, time))[0])
+        found.append(_Cycle(recording, duration, _sample(path, commands, along), float(along[0]), length))
     return found[1:] if len(found) >= _FEWEST else found
 
 
@@ -201,7 +246,7 @@ def _tabulate(
         measured = recordings[cycle.recording]
         error = residuals.all[cycle.recording][:, measured.channels.index(channel)]
         path = np.interp(measured.time, measured.command_time, _measure_path(measured), left=-1.0, right=-1.0)
-        place = np.floor((path - cycle.begin) / cycle.length * bins)
+        place = np.floor((path - cycle.begin) / cycle.length * bins + 1e-6)  # a corner is the begin of its part
         counted = np.isfinite(error) & (path >= 0.0) & (place >= 0) & (place < bins)
         index = place[counted].astype(int)
         count = np.bincount(index, minlength=bins)
@@ -211,7 +256,7 @@ def _tabulate(
     return found
 
 
-def _compare(channel: str, known: Sequence[Misfit], slow: np.ndarray, fast: np.ndarray) -> Change:
+def _compare(channel: str, known: Sequence[Misfit], pixel: float, slow: np.ndarray, fast: np.ndarray) -> Change:
     """Compare the mean cycles of two groups with how cycles of one group differ, shapes (cycles, bins) [m]."""
     from scipy.special import fdtrc
 
@@ -221,7 +266,9 @@ def _compare(channel: str, known: Sequence[Misfit], slow: np.ndarray, fast: np.n
     # without repeated cycles nothing tells how much of the noise the means of bins contain: all of it, at most
     variance = spread / (repeats * (bins - 1)) if repeats >= 2 else noise**2
     expected = max(variance, (1e-3 * noise) ** 2) * (1.0 / len(slow) + 1.0 / len(fast))
+    expected += pixel**2 / 6.0  # rounding repeats in every cycle
     square = float(np.sum((fast.mean(axis=0) - slow.mean(axis=0)) ** 2)) / (bins - 1)
     freedom = repeats if repeats >= 2 else 1e6
     chance = float(fdtrc((bins - 1) / _CORRELATED, freedom * (bins - 1) / _CORRELATED, square / expected))
-    return Change(channel, float(np.sqrt(max(square - expected, 0.0))), noise, chance)
+    residual = max(float(np.sqrt(np.mean(group.mean(axis=0) ** 2))) for group in (slow, fast))
+    return Change(channel, float(np.sqrt(max(square - expected, 0.0))), noise, residual, chance)
