@@ -60,7 +60,7 @@ measure-coverage: $(READY)
 	$(BIN)/coverage report
 
 bench: $(READY)
-	for what in methods calls growth node replay identify many; do $(BIN)/python -m benchmarks $$what --out benchmarks/results || exit 1; done
+	for what in methods calls growth node replay identify mistakes many; do $(BIN)/python -m benchmarks $$what --out benchmarks/results || exit 1; done
 
 docs: $(READY)
 	$(BIN)/python docs/generate.py

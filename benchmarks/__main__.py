@@ -23,6 +23,7 @@ _IN_PROCESS = {
     "identify": ("measure_identification", "STEPS"),
     "inertia": ("measure_inertia", "BODIES"),
     "many": ("measure_many", "VARIATIONS"),
+    "mistakes": ("measure_mistakes", "ROBOTS"),
 }
 """For each module the function, and the full size; the quick one is QUICK."""
 
@@ -36,6 +37,7 @@ class What(str, Enum):
     identify = "identify"
     inertia = "inertia"
     many = "many"
+    mistakes = "mistakes"
     node = "node"
     plan = "plan"
     replay = "replay"
@@ -48,6 +50,7 @@ def bench(
             help="methods: speed against error; calls: what a call costs; growth: of the time of a ramp with the body; "
             "identify: coverage; "
             "inertia: how far masses change the gain; many: variations and environments; "
+            "mistakes: how often wrong models are explained; "
             "node: throughput, latency, cost of features; plan: controllers of disturbed robots; replay: of recordings."
         ),
     ] = What.methods,

@@ -1,7 +1,4 @@
-"""Coverage of `identify`: a 95 % interval should contain the truth 95 times in 100, whatever the sensor does.
-
-A model that is wrong should be called doubtful, and its cause be the first explanation.
-"""
+"""Coverage of `identify`: a 95 % interval should contain the truth 95 times in 100, whatever the sensor does."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tests.lab.identify import mistakes
 from tests.lab.identify.laboratory import KINDS, WALKED, identify_robot
 
 from .bench import THREADS
@@ -30,34 +26,24 @@ def measure_coverage(robots: int, progress: Callable[[float], None]) -> list[dic
         [%], the median half width relative to the value [%], the largest misfit in units of the noise, how many robots
         fit, and the median and 90 % quantile of the time [s].
     """
-    found = _measure_each((*KINDS, WALKED), robots, identify_robot, progress)
+    found = measure_each((*KINDS, WALKED), robots, identify_robot, progress)
     return [_summarise(kind, rows) for kind, rows in found.items()]
 
 
-def measure_mistakes(robots: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Identify robots that are not what they are taken for, in as many processes as there are cores.
-
-    Returns:
-        A row for each kind of mistake: number of robots, how many are called doubtful [%], and of how many the cause is
-        the first explanation [%], None if no explanation is known.
-    """
-    found = _measure_each(mistakes.KINDS, robots, _judge_mistake, progress)
-    return [
-        {
-            "case": "mistake",
-            "mistake": kind,
-            "robots": len(rows),
-            "doubtful_percent": 100.0 * sum(doubtful for doubtful, _ in rows) / len(rows),
-            "first_percent": None if rows[0][1] is None else 100.0 * sum(bool(first) for _, first in rows) / len(rows),
-        }
-        for kind, rows in found.items()
-    ]
-
-
-def _measure_each(
+def measure_each(
     kinds: Iterable[str], robots: int, measure: Callable[[int, str], Row], progress: Callable[[float], None]
 ) -> dict[str, list[Row]]:
-    """Measure some robots of each kind, in as many processes as there are cores."""
+    """Measure some robots of each kind, in as many processes as there are cores.
+
+    Args:
+        kinds: the kinds.
+        robots: number of robots of each kind.
+        measure: measures a robot of a seed and a kind.
+        progress: called with the fraction done, in [0, 1].
+
+    Returns:
+        What was measured, by kind.
+    """
     found: dict[str, list[Row]] = {kind: [] for kind in kinds}
     tasks = [(seed, kind) for kind in found for seed in range(robots)]
     with ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"), _use_one_thread) as pool:
@@ -66,11 +52,6 @@ def _measure_each(
             found[kind].append(row)
             progress(done / len(tasks))
     return found
-
-
-def _judge_mistake(seed: int, kind: str) -> tuple[bool, bool | None]:
-    found, first = mistakes.identify_mistake(seed, kind)
-    return not found.model_fits, first
 
 
 def _use_one_thread() -> None:

@@ -22,7 +22,7 @@ from crawler_lab.identify.replica.replica import Replica
 from crawler_lab.identify.sensor.sensor import PERFECT
 from crawler_model import Scene, Trajectory, simulate
 
-from .coverage import QUICK_ROBOTS, ROBOTS, measure_coverage, measure_mistakes
+from .coverage import QUICK_ROBOTS, ROBOTS, measure_coverage
 from .entrants.mujoco import Tuning, build_document
 
 STEPS, QUICK = (1_000, 3_000), (300,)
@@ -172,16 +172,14 @@ def measure_identify(
 
 
 def measure_identification(steps: Sequence[int], progress: Callable[[float], None]) -> list[dict[str, Any]]:
-    """Measure identification and the peer, the coverage of its intervals under imperfect sensors, and mistakes.
+    """Measure identification and the peer, then the coverage of its intervals under imperfect sensors.
 
     Returns:
-        The rows of `measure_identify`, of `measure_coverage`, then of `measure_mistakes`.
+        The rows of `measure_identify`, then of `measure_coverage`.
     """
     robots = ROBOTS if len(steps) > 1 else QUICK_ROBOTS
     rows = measure_identify(steps, lambda part: progress(_PEER_PART * part))
-    half = 0.5 * (1.0 - _PEER_PART)
-    rows += measure_coverage(robots, lambda part: progress(_PEER_PART + half * part))
-    return rows + measure_mistakes(robots, lambda part: progress(_PEER_PART + half * (1.0 + part)))
+    return rows + measure_coverage(robots, lambda part: progress(_PEER_PART + (1.0 - _PEER_PART) * part))
 
 
 def _record(task: Task, noise: float) -> tuple[Trajectory, np.ndarray]:

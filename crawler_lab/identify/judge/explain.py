@@ -69,8 +69,8 @@ def explain_misfit(
     """
     found = _test_changes(problem, fit, width)
     if suspects and all(not replica.derivative_error for replica in problem.replicas):
-        tried = [one for one in try_suspects(scene, problem, fit, misfits) if one[0] > _PART]
-        found += [Explanation(what, amount, explained, {}) for explained, amount, what in tried[:_MOST]]
+        tried = [one for one in try_suspects(scene, problem, fit, misfits) if one.part > _PART]
+        found += [Explanation(one.what, one.amount, one.part, {}) for one in tried[:_MOST]]
     return sorted(found, key=lambda one: -one.explained)[:_MOST]
 
 

@@ -1,4 +1,4 @@
-"""First suspects of a misfit, each tried by a fit: mistakes of a table, clocks, units.
+"""Suspects of a misfit, each tried by a fit: mistakes of a table, clocks, units; then what a robot may do.
 
 A suspect changes the recordings or the scene by a number; the model is then fitted again, on few rows and with the
 noise of the misfits. What this takes of the mean square beyond noise is what the suspect would explain.
@@ -26,12 +26,13 @@ from ..measurements import Measurements, check_measurements
 from ..replica.replica import Replica
 from ..replica.start import relax_start
 from ..sensor.noise import Noise
+from .trials import Prepare, Tried, rate, try_faults
 
 _SECONDS = 30.0
 """Time of the processor after which no other suspect is tried, however busy it is [s]."""
 _ROWS = 300
 """Rows of each recording in a trial."""
-_EVALUATIONS, _STARTS = 12, 2
+_EVALUATIONS, _FEW, _STARTS = 12, 4, 2
 _STEPS = (4e-3, 1e-3)
 """Steps of a number around the best one that was tried, whose parabola has its minimum at a better one."""
 _LATEST = 0.25
@@ -44,8 +45,6 @@ _RATES = (29.97 / 30.0, 30.0 / 29.97, 24.0 / 25.0, 25.0 / 24.0, 25.0 / 30.0, 30.
 """Ratios of clocks that are mistaken for each other, as 29.97 frames a second for 30."""
 _NOISE, _ENOUGH = 1.5, 0.95
 """Mean square, in units of the noise, and part of the misfit explained, after which no other suspect is tried."""
-_ONSETS = (1.0 / 6.0, 1.0 / 3.0, 0.5, 2.0 / 3.0, 5.0 / 6.0)
-"""Parts of a recording after which a link may stick."""
 _JUMP = 1e-6
 
 _Change = Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
@@ -95,9 +94,6 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence
         yield Trial("the clock of the positions is {:.3g} s late", _shift, [shift - late for late in _LATE])
         yield Trial("the commands end early; rows after them do not count", _end)
         yield Trial("commands are held until the next row, not straight between rows", _hold)
-        onsets = [part * float(first.time[-1]) for part in _ONSETS]
-        for name in lengths:
-            yield Trial(f"{name} does not move from {{:.3g}} s on", _stick(name), onsets)
         yield Trial(
             "the clock of the positions runs {:.6g} times as fast as that of the commands", _stretch, _RATES, True
         )
@@ -108,40 +104,47 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence
     yield Trial("stiffness is {:.4g} times as large", _scale_stiffness(None), (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
 
 
-def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[tuple[float, float, str]]:
-    """Try all suspects, as long as none leaves only noise.
+def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[Tried]:
+    """Try mistakes, as long as none leaves only noise; if none does, faults, too.
 
     Args:
         scene: the scene that was fitted.
         misfits: of its channels, with their noise.
 
     Returns:
-        What each explains of the mean square beyond noise [1], its number, and what it is, the best one first.
+        What each leaves, the best one first.
     """
-    recordings = [_thin(r.measured, rows) for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
+    until = time.process_time() + _SECONDS
     noises = {(one.recording, one.channel): one.noise for one in misfits}
-    begin = time.process_time()
-    found: list[tuple[float, float, float, str]] = []
+    prepare = functools.partial(_set_noise, noises=noises, floor=problem.floor)
+    kept = [_choose_rows(rows) for rows in problem.rows if rows.any()]
+    fitted = [r.measured for r, rows in zip(problem.replicas, problem.rows, strict=True) if rows.any()]
+    recordings = [
+        dataclasses.replace(m, time=m.time[at], values=m.values[at]) for m, at in zip(fitted, kept, strict=True)
+    ]
+    found: list[Tried] = []
+    base = _fit_again(scene, recordings, problem, fit, prepare, np.inf)
 
     def attempt(trial: Trial, amount: float) -> float:
         try:
             changed = [trial.change(scene, measured, amount) for measured in recordings]
-            own = {key: size * amount for key, size in noises.items()} if trial.scales else noises
-            return _fit_again(changed[0][0], [check_measurements(*pair) for pair in changed], problem, fit, own)
+            scaled = {key: size * amount for key, size in noises.items()} if trial.scales else noises
+            own = functools.partial(_set_noise, noises=scaled, floor=problem.floor)
+            return _fit_again(changed[0][0], [check_measurements(*pair) for pair in changed], problem, fit, own, base)
         except (CrawlerError, np.linalg.LinAlgError):
             return np.inf
 
-    base = _fit_again(scene, recordings, problem, fit, noises)
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if time.process_time() - begin > _SECONDS or any(one[0] > _ENOUGH and one[1] < _NOISE for one in found):
+        if time.process_time() > until or any(one.part > _ENOUGH and one.left < _NOISE for one in found):
             break
         costs = {amount: attempt(trial, amount) for amount in trial.amounts}
         if trial.continuous:
             _refine(costs, functools.partial(attempt, trial))
         best = min(costs, key=lambda amount: costs[amount])
-        part = min((base - costs[best]) / max(base - 1.0, 0.1 * base), 1.0)
-        found.append((part, costs[best], best, trial.what.format(best)))
-    return [(part, best, what) for part, _, best, what in sorted(found, key=lambda one: one[1])]
+        found.append(rate(base, costs[best], best, trial.what.format(best)))
+    if not any(one.part > _ENOUGH and one.left < _NOISE for one in found):
+        found += try_faults(scene, problem, fit, kept, prepare, until)
+    return sorted(found)
 
 
 def _refine(costs: dict[float, float], attempt: Callable[[float], float]) -> None:
@@ -157,40 +160,54 @@ def _refine(costs: dict[float, float], attempt: Callable[[float], float]) -> Non
 
 
 def _fit_again(
-    scene: Scene, recordings: list[Measurements], problem: Problem, fit: Fit, noises: Mapping[tuple[str, str], float]
+    scene: Scene, recordings: list[Measurements], problem: Problem, fit: Fit, prepare: Prepare, worse: float
 ) -> float:
-    """Compute the mean square of residuals in units of the noise after short fits from two starts; infinite without."""
+    """Compute the mean square of residuals in units of the noise after short fits from two starts; infinite without.
+
+    A fit that is still `worse` after few evaluations ends.
+    """
     keys = list(problem.space.names)
     relaxed = relax_start(scene, keys, recordings[0])
     begun = scene if relaxed is None else relaxed
     replicas = [Replica(begun, m, keys, "identify", relaxed is not None) for m in recordings]
     rows = [np.ones(m.time.size, np.bool_) for m in recordings]
     trial = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
-    trial.set_noise(
-        [
-            [
-                (Noise(noises.get((m.name, channel), problem.floor)), np.zeros(int(p.sum())))
-                for channel, p in zip(m.channels, present.T, strict=True)
-            ]
-            for m, present in zip(recordings, trial.present, strict=True)
-        ]
-    )
+    prepare(trial)
     values = [problem.space.origin, problem.space.to_values(fit.unknowns[: problem.space.origin.size])]
     first = next(generate_starts(trial, np.random.default_rng(0)))[1]
     begins = [*([] if first is None else [first]), *(trial.unknowns(one) for one in values)]
     costs = [(now.cost, k) for k, one in enumerate(begins) if (now := trial.compute(one)) is not None]
     held, best = np.zeros(trial.count, np.bool_), np.inf
     for _, k in sorted(costs)[:_STARTS]:
-        found = fit_from(trial, begins[k], held, tight=False, most=_EVALUATIONS)
-        best = best if found is None else min(best, found.cost / found.residuals.fitted.size)
+        unknowns = begins[k]
+        for most in (_FEW, _EVALUATIONS - _FEW):
+            found = fit_from(trial, unknowns, held, tight=False, most=most)
+            if found is None:
+                break
+            unknowns, left = found.unknowns, found.cost / found.residuals.fitted.size
+            best = min(best, left)
+            if left > worse:
+                break
     return best
 
 
-def _thin(measured: Measurements, rows: np.ndarray) -> Measurements:
+def _set_noise(trial: Problem, noises: Mapping[tuple[str, str], float], floor: float) -> None:
+    """Set white noise, by recording and channel, of others at the floor [m]."""
+    trial.set_noise(
+        [
+            [
+                (Noise(noises.get((replica.measured.name, channel), floor)), np.zeros(int(seen.sum())))
+                for channel, seen in zip(replica.measured.channels, present.T, strict=True)
+            ]
+            for replica, present in zip(trial.replicas, trial.present, strict=True)
+        ]
+    )
+
+
+def _choose_rows(rows: np.ndarray) -> np.ndarray:
     """Choose evenly spaced rows among those that were fitted."""
     at = np.flatnonzero(rows)
-    at = at[:: max(1, at.size // _ROWS)]
-    return dataclasses.replace(measured, time=measured.time[at], values=measured.values[at])
+    return at[:: max(1, at.size // _ROWS)]
 
 
 def _scale_commands(names: Sequence[str]) -> _Change:
@@ -224,17 +241,6 @@ def _scale_stiffness(link: int | None) -> _Change:
         else:
             links["stiffness"] = values
         return Scene.model_validate(document), measured
-
-    return change
-
-
-def _stick(name: str) -> _Change:
-    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
-        time, rows, column = measured.command_time, measured.commands, measured.command_names.index(name)
-        times = np.unique(np.append(time, np.clip(amount, time[0], time[-1])))
-        rows = np.stack([np.interp(times, time, one) for one in rows.T], axis=1)
-        rows[times > amount, column] = rows[np.searchsorted(times, amount).clip(0, times.size - 1), column]
-        return scene, dataclasses.replace(measured, command_time=times, commands=rows)
 
     return change
 

@@ -82,10 +82,13 @@ class Replica:
             parameters and derivatives exact [1]; infinity where it takes long at any size.
         limits: the parameters that move a limit, a stop or another knot of a spring.
         starts: number of unknown numbers of the start, see `start`; 0 if it is known.
+        factors: by which the model's own values in the rows of recorded commands are multiplied, shape (K, C) [1]; None
+            for 1.
     """
 
     derivative_error = 0.0
     starts = 0
+    factors: np.ndarray | None = None
 
     def __init__(
         self,
@@ -140,18 +143,38 @@ class Replica:
             raise SceneError(str(error).replace("vary: ", f"{caller}: ").replace("; vary ", "; fit ")) from None
         self.observation = observation(self._base.body, measured.channels)
 
-    def showing(self, measured: Measurements) -> Replica:
-        """Build the replica of fewer rows of the recording.
+    def showing(self, measured: Measurements, factors: np.ndarray | None = None) -> Replica:
+        """Build the replica of fewer rows of the recording, or of other commands.
 
         Args:
             measured: these rows, with all commands that matter for them.
+            factors: by which the model's own values in the rows of commands are multiplied, shape (K, C) [1].
 
         Returns:
             A replica with the same model.
         """
         other = copy.copy(self)
-        other.measured = measured
+        other.measured, other.factors = measured, factors
         return other
+
+    @property
+    def body(self) -> Body:
+        """The body at the values of the scene."""
+        return self._base.body
+
+    def spread_friction(self, factors: np.ndarray) -> np.ndarray:
+        """Spread factors of friction over the columns of commands.
+
+        Args:
+            factors: of each contact, both ways, shape (K, N) [1].
+
+        Returns:
+            Factors for `showing`, shape (K, C).
+        """
+        columns = self._base.columns
+        found = np.ones((factors.shape[0], columns.count))
+        found[:, columns.lengths : columns.lengths + columns.frictions] = np.tile(factors, 2)
+        return found
 
     def motion_at(self, values: np.ndarray, start: np.ndarray | None = None) -> tuple[Scene, np.ndarray] | None:
         """Build the scene at some values, and its motion at the rows of the recording.
@@ -339,19 +362,21 @@ class Replica:
             d_raw[-n:] -= d_slope
         row, d_row = columns.gather(raw), columns.gather(d_raw)
         commanded = [columns.names.index(name) for name in self.measured.command_names]
-        rows = np.tile(row, (self.measured.command_time.size, 1))
+        factors = np.ones((1, row.size)) if self.factors is None else self.factors
+        rows = np.tile(row, (self.measured.command_time.size, 1)) * factors
         rows[:, commanded] = self.measured.commands
         d_row[commanded] = 0.0
-        d_target = np.ascontiguousarray(columns.spread(d_row.T).T)
+        d_target = np.ascontiguousarray(columns.spread(d_row.T * factors[:, None]).transpose(0, 2, 1))
         if slope is not None:
-            d_target[-n:] += d_slope
-            d_target[springs : springs + n] -= d_target[-n:]
-            d_target[springs + n : springs + 2 * n] += d_target[-n:]
+            d_target[:, -n:] += d_slope
+            d_target[:, springs : springs + n] -= d_target[:, -n:]
+            d_target[:, springs + n : springs + 2 * n] += d_target[:, -n:]
         drive = Drive(self.measured.command_time, None, rows, dataclasses.replace(columns, slope_load=slope))
         if not with_derivatives:
             return drive, local
         count = rows.shape[0]
-        targets = np.broadcast_to(d_target, (count, *d_target.shape))  # the same for all rows, and not copied
+        # the same for all rows, and not copied; else writable, or kernels would be compiled again
+        targets = np.broadcast_to(d_target, (count, *d_target.shape[1:])) if self.factors is None else d_target
         none = np.broadcast_to(0.0, (count, step.size))
         return drive, dataclasses.replace(local, targets=targets, times=none, period=np.zeros(step.size))
 

@@ -94,15 +94,14 @@ def test_the_gain_of_the_actuators_widens_every_friction() -> None:
 
 
 def test_a_stuck_link_is_told_with_contact_time_and_cause() -> None:
-    found, first = identify_mistake(0, "a link sticks after two thirds")
+    found, first = identify_mistake(0, "a link sticks from some time on")
     assert first
     assert not found.model_fits
     worst = max(found.misfits, key=lambda one: one.ratio)
-    assert worst.ratio > 20.0
-    assert worst.since == pytest.approx(10.7, abs=0.7)
+    assert worst.ratio > 10.0
     assert found.where is not None
     assert worst.channel in found.where
-    assert "from 10.7 s on" in found.explanations[0].what
+    assert "link_1 does not move from 6 s on" in found.explanations[0].what
 
 
 def test_a_stiffer_link_explains_a_misfit_and_moves_values() -> None:

@@ -1,0 +1,106 @@
+"""Robots that fail, or that have what their model lacks: the fault is found with its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from crawler_lab import Measurements, Sensor
+from crawler_lab.identify.fit.fit import Fit, fit_from
+from crawler_lab.identify.fit.problem import Problem
+from crawler_lab.identify.fit.space import build_space
+from crawler_lab.identify.judge.faults import list_faults
+from crawler_lab.identify.judge.seen import see_motion
+from crawler_lab.identify.judge.trials import FaultProblem
+from crawler_lab.identify.replica.replica import Replica
+from crawler_lab.identify.replica.stepped import Dynamics, SteppedReplica
+from crawler_lab.sweep.keys import expand_keys
+from crawler_model import Scene
+
+from .dynamics import step
+from .laboratory import KEYS, build_robot, measure_robot
+from .mistakes import KINDS, identify_mistake, spoil
+
+PERSONS = 8
+"""Mistakes of persons, the first kinds, have tests of their own."""
+
+
+def build(scene: Scene, measured: Measurements) -> tuple[Replica, Problem, Fit]:
+    keys = expand_keys(scene, KEYS, "identify")
+    replica = Replica(scene, measured, keys)
+    rows = np.ones(measured.time.size, np.bool_)
+    problem = Problem([replica], [rows], build_space(keys, replica.start_values, None), "each", Sensor())
+    fit = fit_from(problem, problem.unknowns(problem.space.origin), np.zeros(problem.count, np.bool_), tight=False)
+    assert fit is not None
+    return replica, problem, fit
+
+
+def fit_fault(kind: str, what: str) -> tuple[float, float, np.ndarray]:
+    """Fit a suspect: the parts that it explains of the sums of squares, and that noise leaves, and its numbers."""
+    document, measured, _ = spoil(0, kind)
+    document["loads"] = 0.0
+    scene = Scene.model_validate(document)
+    _, problem, fit = build(scene, measured)
+    seen = see_motion(problem, fit, 0, np.arange(0, measured.time.size, 3))
+    assert seen is not None
+    trial = FaultProblem(problem, [Replica(scene, seen.measured, problem.space.names)], [seen])
+    fault = next(one for one in list_faults([seen], 6.0, True) if what in one.what(*one.guesses[0]))
+    trial.suspect(fault, [seen])
+    held = np.zeros(trial.count, np.bool_)
+    ends = [fit_from(trial, trial.begin(fit.unknowns, guess), held, tight=False) for guess in fault.guesses]
+    best = min((one for one in ends if one is not None), key=lambda one: one.cost)
+    noise = 2e-4 / np.array([channel.noise.size for channel in trial.channels[0]])
+    return fit.cost / 3.0, best.cost / (noise**2).sum() / seen.measured.time.size, trial.numbers(best.unknowns)
+
+
+def test_friction_that_wears_is_found_with_its_loss():
+    before, left, numbers = fit_fault("friction wears by 40 %", "during the recording")
+    assert left < 1.2 < before
+    assert numbers[0] == pytest.approx(-0.4, abs=0.01)
+
+
+def test_a_contact_that_sticks_is_found_with_its_time():
+    before, left, numbers = fit_fault("a contact sticks from some time on", "contact_0 sticks")
+    assert left < 1.2 < before
+    assert numbers[0] == pytest.approx(11.25, abs=0.1)
+
+
+def test_a_lens_is_found_with_its_size():
+    before, left, numbers = fit_fault("a lens, 5 mm", "lens")
+    assert left < 1.2 < before
+    assert numbers[0] == pytest.approx(5e-3, rel=0.1)
+
+
+def test_a_light_body_that_is_stepped_follows_the_exact_path():
+    document, measured = measure_robot(0, "white")
+    scene = Scene.model_validate(document)
+    replica, problem, _ = build(scene, measured)
+    exact = replica.predict(problem.space.origin)
+    stepped = SteppedReplica.of(replica, Dynamics(1e-4, 0.01), True).predict(problem.space.origin)
+    assert exact is not None
+    assert stepped is not None
+    assert np.abs(stepped.values - exact.values).max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dynamics", [Dynamics(0.06, 0.1), Dynamics(2e-3, 0.1, viscosity=0.3)])
+def test_masses_and_viscosity_follow_another_stepper(dynamics):
+    document, times, rows = build_robot(0)
+    document["body"]["links"]["stiffness"] = [20.0, 20.0]
+    damping = dynamics.drag / (2.0 * np.sqrt(10.0 * dynamics.mass))
+    time, x = step(document, times, rows, 50.0, dynamics.mass, dynamics.viscosity, damping=damping)
+    names = tuple(f"{what}_{i}" for what, n in (("contact", 3), ("link", 2)) for i in range(n))
+    measured = Measurements("stepped", time, names[:3], x, names[3:], rows, times)
+    replica, problem, _ = build(Scene.model_validate(document), measured)
+    found = SteppedReplica.of(replica, dynamics, False).predict(problem.space.origin)
+    assert found is not None
+    assert np.abs(found.values - replica.body.position - x).max() < 5e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS[PERSONS:])
+def test_what_differs_in_a_robot_is_the_first_explanation(kind):
+    seed = 2 if kind in ("a link 30 % stiffer", "viscosity of 0.3 N s/m") else 1
+    found, first = identify_mistake(seed, kind)
+    assert not found.model_fits
+    assert first
