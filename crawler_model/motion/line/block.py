@@ -57,7 +57,7 @@ def _is_wall(c, ramp):
     return c.bounds_met == 0 and not ramp.stepping
 
 
-@lean
+@inlined
 def size_of_terms(contacts, springs, ends, c):
     """Sum the magnitudes of what the spring force on a contact is a difference of; it is large if springs are stiff.
 
@@ -128,7 +128,7 @@ def _enter_spring(springs, e, ramp, j, sign):
             e.trial = ramp.fraction * e.trial + sign * spring.tension
 
 
-@lean
+@inlined
 def _leave_by(c, springs, model, came):
     """Find the end of a contact of at most two springs that is not on the spring `came`; -1 if none leads on."""
     for k in range(c.first, c.last):
@@ -253,7 +253,7 @@ def passes_guard(contacts, block, ramp, count):
     return passes
 
 
-@lean
+@inlined
 def _end_at(c, ends, spring):
     """Find the end of a spring at a contact."""
     for k in range(c.first, c.last):

@@ -175,7 +175,7 @@ def _solve_around(contacts, springs, model, ramp, i):
     return True
 
 
-@lean
+@inlined
 def solve_listed(contacts, springs, model, ramp, count):
     """Solve for the rates of the blocks around the listed contacts at s, and update all that depends on them.
 

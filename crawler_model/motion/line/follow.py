@@ -96,7 +96,7 @@ def _finish_contacts(contacts, model, ramp, target, springs):
         c.force = 0.0
 
 
-@lean
+@inlined
 def _softest(springs, ends, c):
     """Find the largest compliance of the springs of a contact [m/N]."""
     most = 0.0

@@ -16,7 +16,7 @@ from .ground.gradual import force_of, stiffness_of
 from .path import limit_of
 
 
-@lean
+@inlined
 def _connect(contacts, springs, model, matrix, count):
     """Enter the springs between sliding contacts in the matrix, and springs to contacts at rest as conductances."""
     block, ends = model.block, model.ends
@@ -42,7 +42,7 @@ def _connect(contacts, springs, model, matrix, count):
                 matrix[r, d] += stiffness
 
 
-@lean
+@inlined
 def _eliminate(block, matrix, count):
     """Eliminate the sliding contacts in turn: each becomes springs between its neighbours."""
     for r in range(count):
@@ -66,14 +66,14 @@ def _eliminate(block, matrix, count):
                 matrix[q, j - d - 1] += part * matrix[r, j]
 
 
-@lean
+@inlined
 def eliminate(contacts, springs, model, matrix, count):
     """Eliminate the sliding contacts of a block: `ground` of each is then the pivot of its row."""
     _connect(contacts, springs, model, matrix, count)
     _eliminate(model.block, matrix, count)
 
 
-@lean
+@inlined
 def _substitute(block, matrix, count):
     """Find the velocities that the pulls lead to, after elimination; returns the largest one."""
     for r in range(count):
@@ -129,7 +129,7 @@ def _find_flows(contacts, springs, model, ramp, count):
             e.pull -= force_of(e, model.ground)
 
 
-@lean
+@inlined
 def _prepare(contacts, springs, model, couplings, count):
     """Prepare the matrix of a block to find velocities; returns False if it is singular."""
     if couplings is None:
@@ -139,7 +139,7 @@ def _prepare(contacts, springs, model, couplings, count):
     return decompose(contacts, springs, model, couplings, model.matrix, count)
 
 
-@lean
+@inlined
 def _find_velocities(block, matrix, couplings, count):
     """Find the velocities that the pulls lead to; returns the largest one."""
     if couplings is None:
@@ -147,7 +147,7 @@ def _find_velocities(block, matrix, couplings, count):
     return substitute(block, couplings, matrix, count)
 
 
-@lean
+@inlined
 def _correct(contacts, springs, model, matrix, count):
     """Add the velocities and the rates that residual forces lead to."""
     block, ends = model.block, model.ends

@@ -36,7 +36,7 @@ def _count_resting(ramp, block, count):
     return resting, last
 
 
-@lean
+@inlined
 def _balance(block, count, row):
     """Find the force on the only contact at rest: forces of springs sum to zero, however they are rounded."""
     force = size = 0.0
@@ -108,7 +108,7 @@ def _side_of(e):
     return -1 if e.force < e.lower - close else 0
 
 
-@lean
+@inlined
 def meets_conditions(block, count):
     """Determine whether all contacts of a block have the sides that they must have.
 
@@ -148,7 +148,7 @@ def _refer(contacts, springs, model, couplings, ramp, count):
     model.block[0].side = side
 
 
-@lean
+@inlined
 def _is_loose(ramp, block, curves, count):
     """Determine whether nothing holds a block, and its limits do not either: `loose` is then set."""
     if curves is None or ramp.search.anchored:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba import config
 
-from crawler_model.compiled import compiled, inner
+from crawler_model.compiled import compiled, inlined, inner, lean
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -70,6 +70,30 @@ def test_a_kernel_is_compiled_once_for_all_constants():
     assert use_constants(10) == 13 + 23 + 15
     use_constants.recompile()  # it may have been read from the cache
     assert len(plus.signatures) == 1
+
+
+@lean
+def once(n):
+    return n + 1
+
+
+@inlined
+def twice(n):
+    return once(once(n))
+
+
+@compiled
+def use_calls(n):
+    return twice(n)
+
+
+def test_only_functions_that_are_marked_so_are_copied_to_where_they_are_called():
+    kernels = use_calls, twice, once
+    for kernel in kernels:
+        kernel.recompile()  # forget what the cache holds
+    assert use_calls(1) == 3
+    copied = [result.fndesc.inline for kernel in kernels for result in kernel.overloads.values()]
+    assert copied == [False, True, False]
 
 
 MEMORY = """

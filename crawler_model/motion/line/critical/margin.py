@@ -17,7 +17,7 @@ _LATER = 2.0 / 3.0
 """Part of the rest of a ramp after which a critical part must still be critical."""
 
 
-@lean
+@inlined
 def _slack(c, ground, ramp, i, when):
     """Find how far the force on a contact is from its bounds at a later place; in a fall, what takes no part rests.
 

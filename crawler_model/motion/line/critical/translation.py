@@ -255,7 +255,7 @@ def _choose_where_new(contacts, springs, model, curves, ramp, count):
             _choose_in_part(contacts, springs, model, curves, ramp)
 
 
-@lean
+@inlined
 def choose(contacts, springs, model, curves, ramp, count):
     """Choose the translation of each part that is free at s: `shifted` is then set.
 
@@ -278,7 +278,7 @@ def choose(contacts, springs, model, curves, ramp, count):
         _choose_in_part(contacts, springs, model, curves, ramp)
 
 
-@lean
+@inlined
 def _begin_shift(contacts, springs, model, ramp):
     """Advance the body to s, and find the next event; knots of flat springs limit the translation instead."""
     ramp.shifted = 1

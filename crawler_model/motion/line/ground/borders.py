@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....compiled import lean
+from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..advance import place_of
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD, WALL
@@ -28,7 +28,7 @@ SLIDES = 1e-290
 """Velocities below this stand for contacts that are about to slide."""
 
 
-@lean
+@inlined
 def border_of(foot, ground, coming):
     """Find the next border of a contact.
 
@@ -41,7 +41,7 @@ def border_of(foot, ground, coming):
     return (foot.place + 1) // 2 - 1
 
 
-@lean
+@inlined
 def gap_of(c, foot, ground, coming, s):
     """Compute the distance of a contact from its next border at s.
 
@@ -128,7 +128,7 @@ def _exceeds(c, foot, ground, coming, ramp):
     return force - beyond > CRITICAL * (abs(beyond) + abs(force) + abs(c.load))
 
 
-@lean
+@inlined
 def put_on_border(c, foot, ground, j):
     """Put a contact onto a border; its bounds are set elsewhere.
 

@@ -11,7 +11,7 @@ from .couplings import more_on
 from .gradual import change_at, commands_at, slopes_of
 
 
-@lean
+@inlined
 def hold(foot, ground, stretch, side, s, p):
     """Compute the bound that a stretch of ground holds under a contact: c mu less the load, its slope's included.
 
@@ -37,7 +37,7 @@ def hold(foot, ground, stretch, side, s, p):
     return factor * (bound + load) - (load + tilt)
 
 
-@lean
+@inlined
 def _change_of(foot, ground, stretch, side, p):
     """Compute by how much commands change the bound that a stretch holds along the ramp, see `hold`."""
     if foot.d_forward == 0.0 and foot.d_backward == 0.0 and foot.d_load == 0.0:
@@ -55,7 +55,7 @@ def place_on_track(c, foot):
     return foot.home + (c.x + c.residue)
 
 
-@lean
+@inlined
 def set_bound(c, foot, ground, side, ramp):
     """Set a bound of a contact, along the ramp, to the bound of the ground at its place; in a fall commands rest.
 
@@ -108,7 +108,7 @@ def set_bounds(c, foot, ground, ramp):
     set_load(c, foot, ground, ramp)
 
 
-@lean
+@inlined
 def follow_ground(c, ground, ramp, i):
     """Let the bounds and the load of a contact change with its place, at the velocity that was found.
 
@@ -119,7 +119,7 @@ def follow_ground(c, ground, ramp, i):
         _follow_ground(c, ground.feet[i], ground, ground.profile, ramp)
 
 
-@lean
+@inlined
 def _follow_ground(c, foot, ground, profile, ramp):
     if profile is None:
         return
@@ -169,14 +169,14 @@ def rate_at_bound(c, e, ground, side):
     return _rate_at_bound(c, e, ground.profile, side)
 
 
-@lean
+@inlined
 def _rate_at_bound(c, e, profile, side):
     if profile is None:
         return e.upper if side > 0 else e.lower
     return c.d_forward if side > 0 else -c.d_backward
 
 
-@lean
+@inlined
 def enter_ground(c, e, ground, ramp, i, away):
     """Enter the stiffness of gradual ground in a row of a block, and limits that do not contain it.
 
@@ -189,7 +189,7 @@ def enter_ground(c, e, ground, ramp, i, away):
         _enter_ground(c, e, ground.feet[i], ground, ground.profile, ramp, away)
 
 
-@lean
+@inlined
 def _enter_ground(c, e, foot, ground, profile, ramp, away):
     if profile is None:
         return

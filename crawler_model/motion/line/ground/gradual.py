@@ -21,7 +21,7 @@ NEUTRAL = 1e-9
 change alike as the contact moves."""
 
 
-@lean
+@inlined
 def change_at(profile, side, stretch, p):
     """Compute what a profile adds at a place to the factor and to the slope at the beginning of a stretch.
 
@@ -52,7 +52,7 @@ def is_gradual(ground):
     return is_given(ground.profile)
 
 
-@lean
+@inlined
 def slopes_of(foot, profile, ahead, behind, s):
     """Compute how the force that keeps a contact at a bound grows with its displacement.
 
@@ -99,7 +99,7 @@ def stiffness_of(e, ground):
     return _stiffness_of(e, ground.profile)
 
 
-@lean
+@inlined
 def _stiffness_of(e, profile):
     if profile is None:
         return 0.0
@@ -121,14 +121,14 @@ def force_of(e, ground):
     return _force_of(e, ground.profile)
 
 
-@lean
+@inlined
 def _force_of(e, profile):
     if profile is None:
         return limit_of(e)
     return limit_of(e) + _stiffness_of(e, profile) * e.v
 
 
-@lean
+@inlined
 def holds(block, ground, count):
     """Determine whether the ground determines the translation of a block all of whose contacts slide.
 

@@ -6,7 +6,7 @@ commands there, at its end that of the chord, with rates of the bounds at the pl
 
 from __future__ import annotations
 
-from ....compiled import lean
+from ....compiled import inlined
 from ..mesh import solve_mesh
 from .bounds import enter_ground
 from .chords import cut_chord, is_long
@@ -17,7 +17,7 @@ _SLOW = 1e-8
 """Part of the largest velocity of a block below which a contact stands: its way to there is less than rounding."""
 
 
-@lean
+@inlined
 def enter_chord(contacts, block, ground, ramp, count, ds):
     """Enter stiffness and limits anew in all rows of a block: at the present chord, and at places further on.
 
@@ -30,7 +30,7 @@ def enter_chord(contacts, block, ground, ramp, count, ds):
     keep_limits(couplings_of(ground), block, count)
 
 
-@lean
+@inlined
 def turns(contacts, springs, model, ground, ramp, count):
     """Shorten the chord to where a contact of a solved block turns round, or if one slides only at its beginning.
 
@@ -42,7 +42,7 @@ def turns(contacts, springs, model, ground, ramp, count):
     return _turns(contacts, springs, model, ground, ground.profile, ramp, count)
 
 
-@lean
+@inlined
 def _turns(contacts, springs, model, ground, profile, ramp, count):
     if profile is None:
         return False

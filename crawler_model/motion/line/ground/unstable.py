@@ -23,7 +23,7 @@ _MOST_TRIALS = 2048
 """Combinations of sides that are tried; with more, pivoting may find one of several solutions, or none."""
 
 
-@lean
+@inlined
 def is_stable(contacts, springs, model, ground, ramp, count):
     """Determine whether a block has one solution whatever its loads are: whether K + H is positive definite on it.
 
@@ -37,7 +37,7 @@ def is_stable(contacts, springs, model, ground, ramp, count):
     return _is_stable(contacts, springs, model, ground.profile, ramp, count)
 
 
-@lean
+@inlined
 def _is_stable(contacts, springs, model, profile, ramp, count):
     if profile is None:
         return True
@@ -65,7 +65,7 @@ def _is_stable(contacts, springs, model, profile, ramp, count):
     return stable
 
 
-@lean
+@inlined
 def turns_unstable(contacts, springs, model, ground, ramp, count):
     """Determine whether a block that is not stable at the end of a chord is stable where the chord begins.
 
@@ -77,7 +77,7 @@ def turns_unstable(contacts, springs, model, ground, ramp, count):
     return _turns_unstable(contacts, springs, model, ground, ground.profile, ramp, count)
 
 
-@lean
+@inlined
 def _turns_unstable(contacts, springs, model, ground, profile, ramp, count):
     if profile is None:
         return False
@@ -115,7 +115,7 @@ def _next_side(e):
     return e.side == 0
 
 
-@lean
+@inlined
 def tries_all(ground, block, count):
     """Determine whether a block has so few sides that all are tried.
 

@@ -37,7 +37,7 @@ def has_walls(ground):
     return is_given(ground.walls)
 
 
-@lean
+@inlined
 def is_given(part):
     """Determine whether the ground has one of its parts, as an argument of which numba knows that it is None.
 
@@ -50,7 +50,7 @@ def is_given(part):
     return part is not None
 
 
-@lean
+@inlined
 def room_of(c, foot, walls, side, i, s):
     """Compute the distance of a contact from its wall at s.
 
@@ -100,7 +100,7 @@ def _find_wall(c, foot, walls, i, when):
     return other
 
 
-@lean
+@inlined
 def put_at_wall(c, foot, walls, side, i):
     """Put a contact at its wall, where it rests.
 
@@ -118,7 +118,7 @@ def put_at_wall(c, foot, walls, side, i):
         c.v = 0.0
 
 
-@lean
+@inlined
 def is_at_wall(c, foot, walls, i, near):
     """Determine whether a sliding contact has come to its wall.
 
@@ -150,7 +150,7 @@ def rest_at_wall(c, foot, walls, i, near):
             put_at_wall(c, foot, walls, side, i)
 
 
-@lean
+@inlined
 def leave_wall(c, foot, walls):
     """Let a contact that slides away from its wall leave it.
 

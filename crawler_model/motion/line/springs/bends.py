@@ -87,7 +87,7 @@ def find_pieces(bend, pieces, u, z, direction):
     bend.passive = _find_piece(pieces, bend.passive, z, -direction)
 
 
-@lean
+@inlined
 def _set_stiffness(spring, bend, pieces, sliders):
     """Make a spring linear, as it is on its present pieces."""
     actuator, passive = pieces[bend.actuator], pieces[bend.passive]
@@ -185,7 +185,7 @@ def energy_of(spring, curves):
     return energy + energy_of_sliders(curves.sliders, bend, spring.elongation)
 
 
-@lean
+@inlined
 def _tension_of(bend, pieces, u, z):
     """Compute the tension of a bent spring without its sliders from its lengths."""
     find_pieces(bend, pieces, u, z, 0.0)

@@ -15,7 +15,7 @@ from .parts import find_part, side_of
 from .sliders import TURN, change_sliders, force_of_sliders, keep_sliders, return_sliders, turn_slider
 
 
-@lean
+@inlined
 def _pass_knot(contacts, spring, ground, curves, ramp):
     """Let a spring that is at a knot go on on its next piece."""
     bend = curves.bends[spring.bend]
@@ -34,7 +34,7 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     spring.rate = spring.stiffness * (stretch - (0.0 if ramp.fall.falling else spring.d_length))
 
 
-@lean
+@inlined
 def pass_knots(contacts, springs, model, curves, ramp, i, count):
     """Let the springs that begin at a contact pass the knots that they are at; the contacts of both ends are listed.
 
