@@ -29,7 +29,7 @@ from ..sensor.noise import Noise
 from .trials import Prepare, Tried, rate, try_faults
 
 _SECONDS = 30.0
-"""Time of the processor after which no other suspect is tried, however busy it is [s]."""
+"""Time of this thread after which no other suspect is tried, however busy the processor is [s]."""
 _ROWS = 300
 """Rows of each recording in a trial."""
 _EVALUATIONS, _FEW, _STARTS = 12, 4, 2
@@ -114,7 +114,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
     Returns:
         What each leaves, the best one first.
     """
-    until = time.process_time() + _SECONDS
+    until = time.thread_time() + _SECONDS
     noises = {(one.recording, one.channel): one.noise for one in misfits}
     prepare = functools.partial(_set_noise, noises=noises, floor=problem.floor)
     kept = [_choose_rows(rows) for rows in problem.rows if rows.any()]
@@ -135,7 +135,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
             return np.inf
 
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if time.process_time() > until or any(one.part > _ENOUGH and one.left < _NOISE for one in found):
+        if time.thread_time() > until or any(one.part > _ENOUGH and one.left < _NOISE for one in found):
             break
         costs = {amount: attempt(trial, amount) for amount in trial.amounts}
         if trial.continuous:

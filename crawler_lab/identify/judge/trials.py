@@ -234,7 +234,7 @@ def try_faults(
         fit: its end.
         rows: indices of the rows that are compared, of each recording with fitted rows.
         prepare: sets the noise of a problem.
-        until: time of the processor after which no other fault is tried [s].
+        until: time of this thread after which no other fault is tried [s].
 
     Returns:
         What each leaves; nothing for bodies with segments, on ground that differs from place to place, or with
@@ -253,7 +253,7 @@ def try_faults(
     cheap = all(count_operations(replica) < _MOST_OPERATIONS for replica in plain)
     found, size = [], base.residuals.fitted.size
     for fault, begins in _list_all(trial, seen, onset, cheap, starts):
-        if time.process_time() > until:
+        if time.thread_time() > until:
             break
         ended = _fit_fault(trial, fault, seen, begins, base.cost)
         if ended is not None:
