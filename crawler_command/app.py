@@ -16,6 +16,7 @@ import typer
 from crawler_model import CrawlerError, __version__
 from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 
+from .cite import cite
 from .executables import describe_missing
 from .recordings.compare import compare
 from .replay import replay
@@ -124,6 +125,7 @@ app.command()(animate)
 app.command()(view)
 app.command("replay")(replay)
 app.command("compare")(compare)
+app.command()(cite)
 
 
 @app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 import yaml
 
 import crawler_model
+from crawler_command.cite import ENTRIES
 from crawler_ros.node.life.domains import reserved_domain
 
 from ..pages import ROOT
@@ -55,6 +57,29 @@ def test_the_version_and_the_licence_are_the_same_everywhere(project, setup):
     assert {manifest.findtext("license"), citation["license"]} == {project["project"]["license"]["text"]}
     assert {setup.get_name(), manifest.findtext("name")} == {PACKAGE}
     assert project["project"]["name"] == PACKAGE.replace("_", "-")
+
+
+def test_the_citation_in_bibtex_says_what_the_citation_file_says():
+    program, paper = (dict(re.findall(r"(\w+) += \{+(.+?)\}+,\n", entry)) for entry in ENTRIES.split("@article"))
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    (article,) = cited["references"]
+    assert program == {
+        "title": cited["title"],
+        "author": cited["authors"][0]["name"],
+        "version": cited["version"],
+        "year": str(cited["date-released"].year),
+    }
+    assert paper == {
+        "title": article["title"],
+        "author": "{family-names}, {given-names}".format(**article["authors"][0]),
+        "journal": article["journal"],
+        "year": str(article["year"]),
+        "volume": str(article["volume"]),
+        "number": str(article["issue"]),
+        "pages": f"{article['start']}--{article['end']}",
+        "eprint": article["identifiers"][0]["value"].removeprefix("arXiv:"),
+        "archiveprefix": "arXiv",
+    }
 
 
 def test_every_package_of_the_tree_is_installed(project, setup):
