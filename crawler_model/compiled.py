@@ -91,7 +91,12 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _compile(function: Callable[..., Any], **more: Any) -> Callable[..., Any]:
     # numba hands a `forceinline` on to callees that do not set it: for gradual ground it took four times as long
-    options = {"nogil": True, "error_model": "numpy", "pipeline_class": Compiler, "forceinline": False} | more
+    options: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "pipeline_class": Compiler,
+        "forceinline": False,
+    } | more
     dispatcher: Any = numba.njit(**options)(function)
     if hasattr(dispatcher, "_cache"):  # it is a plain function where kernels are interpreted
         dispatcher._compiler.fold_argument_types = _with_plain_integers(dispatcher._compiler.fold_argument_types)
