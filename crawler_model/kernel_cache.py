@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import io
 import os
 import pickle
 import shutil
@@ -12,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.runtime.nrt import rtsys
@@ -28,6 +29,9 @@ _KEPT = 8
 def _print_once(reason: str) -> None:
     print(f"crawler: {reason}", file=sys.stderr, flush=True)
 
+
+_PATIENCE_S, _POLL_S = 120.0, 0.05
+"""How long to wait for another process that compiles the same kernel, which may have stopped; how often to look."""
 
 report: Callable[[str], None] = _print_once
 """Called where a kernel cannot be kept; the kernel itself is compiled and stays in memory."""
@@ -125,7 +129,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
 
     numba reuses a cached function as long as its own file is unchanged, even if a function or a constant from another
     file that was compiled into it has changed; and it compiles again for each copy of the sources. This cache is never
-    stale, and equal copies of the sources share it.
+    stale, and equal copies of the sources share it. Of processes that need a kernel at once, one compiles it and the
+    others wait: environments, workers and nodes begin together.
     """
 
     _impl_class = _Implementation
@@ -141,6 +146,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         """
         super().__init__(function)  # type: ignore[no-untyped-call]
         self._measure = measure
+        self._turn: IO[str] = io.StringIO()
+        """The file that is locked while the kernel is compiled."""
         self._cache_file = _Files(
             self._cache_path,
             self._impl.filename_base,
@@ -162,8 +169,28 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         rtsys.initialize(target_context)
         # an error, as of a module that is no longer there, whatever it is: compile again
         with self._measure(), contextlib.suppress(Exception):
-            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is None and self._wait_for_others(sig):
+                found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            return found
         return None
+
+    def _wait_for_others(self, sig: Any) -> bool:
+        """Wait while another process compiles the kernel, else keep others waiting; return whether there was one."""
+        try:
+            import fcntl
+        except ModuleNotFoundError:  # on Windows each process compiles
+            return False
+        name = hashlib.sha256(f"{self._impl.filename_base} {sig}".encode()).hexdigest()[:24]
+        self._impl.locator.ensure_cache_path()
+        self._turn = Path(self._cache_path, f"{name}.lock").open("w")  # noqa: SIM115 (until the kernel is saved)
+        for tries in range(round(_PATIENCE_S / _POLL_S)):
+            try:
+                fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return tries > 0
+            except BlockingIOError:
+                time.sleep(_POLL_S)
+        return True
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled kernel; where that is impossible, report so: it stays in memory.
@@ -179,6 +206,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
                 f"compiled kernels cannot be kept in {folder_of_kernels()}: {error.strerror or error}; every run "
                 "compiles them again until that folder is writable and has room, or NUMBA_CACHE_DIR names another one"
             )
+        finally:
+            self._turn.close()
 
 
 @functools.cache

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import functools
 import os
 import re
 import signal
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -71,16 +68,6 @@ OF_ANY_ORDER = {"crawler_model.crawler.readout.read_records"}
 """Kernels that write into parts of larger arrays."""
 ORDER = r"'[ACF]', (True|False)|readonly |(?<=\dd, )[ACF]"
 """How numba writes the order in memory of an array, and whether it can be written, by itself and within tuples."""
-BOTH, WALLED, JUMPS = "bent springs on patches", "graphs between walls", "jumps in the plane"
-ON_LINES = ("graphs", "springs", "hysteresis", "patches", "walls", "long")
-MORE = (BOTH, WALLED, "derivatives", JUMPS, "node", "environments", "batches")
-KERNELS = (
-    (("line", "plane"), ("line",)),
-    (ON_LINES, (*ON_LINES, "plane")),
-    (MORE, MORE),
-)
-"""Kinds of kernels of `crawler warm` that begin together, if no other worker compiles them, and those to wait for then: a
-later row builds on them."""
 
 
 def compile_jumps() -> None:
@@ -119,20 +106,15 @@ def compiled_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the kernels before the tests of parallel workers: each kind by one of them."""
+    """Compile the kernels before the tests of parallel workers: each begins elsewhere and waits for what others compile."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
     from crawler_lab.verbs import warm
 
-    builds = {kind.value: build for kind, (build, _) in warm.BUILDS.items()}
-    builds[BOTH] = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
-    builds[WALLED] = functools.partial(warm.compile_scene, "three_springs", ground=warm.WALLS)
-    builds[JUMPS] = compile_jumps
-    for begun, ended in KERNELS:
-        for how, kinds in ((fcntl.LOCK_EX | fcntl.LOCK_NB, begun), (fcntl.LOCK_EX, ended)):
-            for kind in kinds:
-                file = Path(tempfile.gettempdir()) / f"crawler_kernels_{os.getuid()}_{kind}"
-                with contextlib.suppress(BlockingIOError), file.open("w") as lock:
-                    fcntl.flock(lock, how)
-                    builds[kind]()
+    both = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
+    walled = functools.partial(warm.compile_scene, "three_springs", ground=warm.WALLS)
+    builds = [*(build for build, _ in warm.BUILDS.values()), both, walled, compile_jumps]
+    first = int(worker.removeprefix("gw")) * len(builds) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+    for build in builds[first:] + builds[:first]:
+        build()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
+import multiprocessing
 import pickle
 import resource
 import shutil
@@ -103,6 +105,35 @@ def test_a_file_of_another_kernel_is_not_used(ask, tmp_path, pattern):
     shutil.copy(thrice[0], twice[0])
     assert ask() == (RESULTS, 2 if pattern == "*.nbc" else 1, "")
     assert ask() == (RESULTS, 3, "")
+
+
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(ask):
+    processes = multiprocessing.get_context("fork")
+    barrier, found = processes.Barrier(4), processes.Queue()
+
+    def need() -> None:
+        barrier.wait()
+        found.put(ask()[:2])
+
+    children = [processes.Process(target=need) for _ in range(4)]
+    for child in children:
+        child.start()
+    results, hits = zip(*(found.get() for _ in children), strict=True)
+    for child in children:
+        child.join()
+    assert list(results) == 4 * [RESULTS]
+    assert sum(hits) == 3 * 3  # of four processes with three kernels each
+
+
+def test_a_process_that_stops_while_it_compiles_does_not_keep_others_for_ever(ask, tmp_path, monkeypatch):
+    ask()
+    locks = [lock.open("w") for lock in files(tmp_path / "cache", "*.lock")]
+    for lock in locks:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    for file in files(tmp_path / "cache", "*.nbi"):
+        file.unlink()
+    monkeypatch.setattr(kernel_cache, "_PATIENCE_S", 0.1)
+    assert ask() == (RESULTS, 0, "")
 
 
 def test_data_of_other_types_are_not_used(ask, tmp_path):
