@@ -49,6 +49,7 @@ WORKS = {
     "simulate": ["two_anchor_a"],
     "check": ["two_anchor_a"],
     "scenes": [],
+    "cite": [],
     "warm": ["line"],
     "excite": ["two_contacts_anisotropic", "--fit", "friction.forward", "--stroke", "-0.1:0.1", "--duration", "1"],
 }

@@ -433,7 +433,7 @@ MISTAKES = [
     (["simulate", "two_anchor_a", "--duration", "2s"], "Invalid value for '--duration': it must be a number, without"),
     (["optimise", "two_anchor_a", "--waypoints", "2.5"], "Invalid value for '--waypoints': it must be a whole number"),
     (["replay", "nothing"], "nothing: no such file or folder"),
-    (["nonsense"], "No such command 'nonsense'. The commands are animate, check, compare, demo, "),
+    (["nonsense"], "No such command 'nonsense'. The commands are animate, check, cite, compare, demo, "),
     (["bench", "--quick"], "No such command 'bench'. It is now: python -m benchmarks, in a checkout"),
     (["simulat"], "Did you mean 'simulate'?"),
     (["simulate", "two_anchor_a", "--two-columns"], "--two-columns needs --png: it arranges the panels of that page"),
