@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
-
-import numpy as np
 
 from tests.lab.identify import mistakes
 
@@ -25,7 +22,7 @@ def measure_mistakes(robots: int, progress: Callable[[float], None]) -> list[dic
     return [summarise_mistake(kind, rows) for kind, rows in found.items()]
 
 
-def judge_mistake(seed: int, kind: str) -> tuple[bool, bool, float]:
+def judge_mistake(seed: int, kind: str) -> tuple[bool, bool]:
     """Identify a robot with a mistake.
 
     Args:
@@ -33,14 +30,13 @@ def judge_mistake(seed: int, kind: str) -> tuple[bool, bool, float]:
         kind: of the mistake.
 
     Returns:
-        Whether it is called doubtful, whether the right explanation is the first, and the time of the processor [s].
+        Whether it is called doubtful, and whether the right explanation is the first.
     """
-    begin = time.thread_time()
     found, first = mistakes.identify_mistake(seed, kind)
-    return not found.model_fits, first, time.thread_time() - begin
+    return not found.model_fits, first
 
 
-def summarise_mistake(kind: str, rows: list[tuple[bool, bool, float]]) -> dict[str, Any]:
+def summarise_mistake(kind: str, rows: list[tuple[bool, bool]]) -> dict[str, Any]:
     """Write the row of a kind of mistake.
 
     Args:
@@ -48,16 +44,12 @@ def summarise_mistake(kind: str, rows: list[tuple[bool, bool, float]]) -> dict[s
         rows: from `judge_mistake`.
 
     Returns:
-        The number of robots, how many are called doubtful, of how many of these the cause is the first explanation, and
-        the median and largest time of the processor, compiling aside except for the first robot [s].
+        The number of robots, how many are called doubtful, and of how many of these the cause is the first explanation.
     """
-    seconds = [spent for _, _, spent in rows]
     return {
         "case": "mistake",
         "mistake": kind,
         "robots": len(rows),
-        "doubtful": sum(doubtful for doubtful, _, _ in rows),
-        "first": sum(first for doubtful, first, _ in rows if doubtful),
-        "seconds": float(np.median(seconds)),
-        "seconds_most": max(seconds),
+        "doubtful": sum(doubtful for doubtful, _ in rows),
+        "first": sum(first for doubtful, first in rows if doubtful),
     }

@@ -17,7 +17,7 @@ PARTS = {
     "identify": {"case", "recording", "noise", "method", "called_determined", "worst_error", "missed", "seconds"},
     "inertia": {"case", "n", "number", "damping", "gain", "deviation", "ratio", "mujoco"},
     "many": {"case", "scene", "n", "variations", "workers", "runs_per_s", "us_per_run", "in_kernels"},
-    "mistakes": {"case", "mistake", "robots", "doubtful", "first", "seconds", "seconds_most"},
+    "mistakes": {"case", "mistake", "robots", "doubtful", "first"},
     "node": {"case", "n", "recording", "subscriber", "driven", "every", "ticks_per_s", "us_per_tick", "real_time"},
     "plan": {"case", "controller", "disturbance", "error_mm", "without_mean_mm", "way_m_per_m"},
     "replay": {"case", "messages", "simulated_s", "what", "seconds", "messages_per_s", "memory_mb"},

@@ -1,7 +1,7 @@
 """Suspects that a robot fails, or that its model lacks something.
 
-What a model lacks is a change of the commands, of friction or of measured positions by a few numbers and by the motion,
-as a load of -m a for a mass m. So the exact kernels of chains follow all of them.
+What a model lacks is a change of the commands, of friction or of measured positions by a few numbers and by the motion.
+So the exact kernels of chains follow all of them but masses and viscosity, which are stepped through time.
 """
 
 from __future__ import annotations
@@ -82,11 +82,8 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
     """
     first = seen[0]
     duration = float(first.measured.time[-1])
-    stretch, fastest, width = (
-        max(float(np.ptp(part, axis=0).max()) for part in parts)
-        for parts in zip(*((one.stretch, one.speed, one.elongation) for one in seen), strict=True)
-    )
-    stretch, fastest, width = 0.5 * max(stretch, 1e-9), 0.5 * max(fastest, 1e-9), max(width, 1e-9)
+    stretch = 0.5 * max(1e-9, *(float(np.ptp(one.stretch, axis=0).max()) for one in seen))
+    width = max(1e-9, *(float(np.ptp(one.elongation, axis=0).max()) for one in seen))
     yield Fault(
         "actuators have a backlash of {:.3g} m".format, _loosen, [(part * width,) for part in _PARTS], (0.0,), (width,)
     )
@@ -204,12 +201,6 @@ def is_inside(seen: Seen, low: float, high: float) -> np.ndarray:
     return np.asarray(np.clip((0.5 * (high - low) - np.abs(seen.place - 0.5 * (low + high))) / border + 0.5, 0.0, 1.0))
 
 
-def _load(seen: Seen, force: np.ndarray) -> np.ndarray:
-    commands = seen.measured.commands.copy()
-    commands[1:, seen.loads] += force[1:]
-    return commands
-
-
 def _lengthen(seen: Seen, more: np.ndarray) -> np.ndarray:
     commands = seen.measured.commands.copy()
     commands[:, seen.links] += more
@@ -237,12 +228,6 @@ def _harden(seen: Seen, cubic: float) -> Changed:
 
 def _remember(seen: Seen, ratio: float, width: float) -> Changed:
     return Changed(_lengthen(seen, -ratio * (seen.elongation - _play(seen.elongation, width))))
-
-
-def _weigh(seen: Seen, mass: float, drag: float) -> Changed:
-    rate = np.gradient(seen.elongation, seen.measured.command_time, axis=0)
-    force = np.diff(drag * rate, prepend=0.0, append=0.0, axis=1)
-    return Changed(_load(seen, force - mass * seen.acceleration))
 
 
 def _bend(seen: Seen, size: float, aside: float) -> Changed:

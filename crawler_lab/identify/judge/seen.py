@@ -1,4 +1,4 @@
-"""The motion of a recording, as what a model may lack depends on it: speeds, accelerations, elongations, rests."""
+"""The motion of a recording, as what a model may lack depends on it: places, elongations, rests."""
 
 from __future__ import annotations
 
@@ -30,27 +30,20 @@ class Seen:
     """The motion of a recording at the rows of finer commands.
 
     Attributes:
-        measured: the recording, with its commands and those of all loads, which are 0 where none were recorded, at
-            these times.
+        measured: the recording, with its commands at these times.
         noise: of the positions of each contact, shape (N,) [m].
         place: positions of the contacts, in the frame of the scene, shape (K, N) [m].
-        speed: of them, shape (K, N) [m/s].
-        acceleration: of them, shape (K, N) [m/s^2].
         rests: whether contacts rest, between 0 and 1, shape (K, N).
         elongation: of each link, shape (K, S) [m].
         links: column of the commands of each link, shape (S,).
-        loads: column of the load on each contact, shape (N,).
     """
 
     measured: Measurements
     noise: np.ndarray
     place: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
     rests: np.ndarray
     elongation: np.ndarray
     links: np.ndarray
-    loads: np.ndarray
 
     @property
     def stretch(self) -> np.ndarray:
@@ -86,7 +79,6 @@ def see_motion(problem: Problem, fit: Fit, recording: int, kept: np.ndarray) -> 
     values = problem.space.to_values(fit.unknowns[: problem.space.origin.size])
     found = replica.motion_at(values, problem.start(fit.unknowns, recording))
     links = [f"link_{j}" for j in range(body.springs)]
-    loads = [f"contact_{i}/load" for i in range(body.contacts)]
     if found is None or not set(links) <= set(measured.command_names):
         return None
     place, noise = body.position + found[1], np.full(body.contacts, problem.floor)
@@ -95,26 +87,22 @@ def see_motion(problem: Problem, fit: Fit, recording: int, kept: np.ndarray) -> 
         if channel.startswith("contact_") and seen.size > _ANCHOR:
             i, first = int(channel[8:]), seen[:_ANCHOR]
             offset = np.median(measured.values[first, m] - place[first, i])
-            noise[i] = guess_noise(measured.values[seen, m], float(problem.pixels[recording][m]), problem.floor)[
-                0
-            ].white
-            place[:, i] = np.interp(measured.time, measured.time[seen], measured.values[seen, m]) - offset
+            values, pixel = measured.values[seen, m], float(problem.pixels[recording][m])
+            noise[i] = guess_noise(values, pixel, problem.floor)[0].white
+            place[:, i] = np.interp(measured.time, measured.time[seen], values) - offset
     time, own = measured.time - problem.sensed(fit.unknowns, recording)["lag"], measured.command_time
     shown = time[:: max(1, time.size // _MOST_ROWS)]
     shown = np.concatenate((shown, 0.5 * (shown[1:] + shown[:-1])))
     at = np.unique(np.concatenate((own, shown[(shown > own[0]) & (shown < own[-1])])))
-    more = [name for name in loads if name not in measured.command_names]
     finer = dataclasses.replace(
         measured,
         time=measured.time[kept],
         values=measured.values[kept],
         command_time=at,
-        command_names=(*measured.command_names, *more),
-        commands=np.hstack((_sample(at, own, measured.commands), np.zeros((at.size, len(more))))),
+        commands=_sample(at, own, measured.commands),
     )
-    columns = [np.array([finer.command_names.index(name) for name in names]) for names in (links, loads)]
-    none = np.zeros((0, 0))
-    return move(Seen(finer, noise, none, none, none, none, none, *columns), body, time, place)
+    none, columns = np.zeros((0, 0)), np.array([measured.command_names.index(name) for name in links])
+    return move(Seen(finer, noise, none, none, none, columns), body, time, place)
 
 
 def move(seen: Seen, body: Body, time: np.ndarray, place: np.ndarray) -> Seen:
@@ -135,7 +123,7 @@ def move(seen: Seen, body: Body, time: np.ndarray, place: np.ndarray) -> Seen:
     step = max(float(even[1] - even[0]), 1e-12)
     window = min(max(_FEWEST, 2 * int(0.5 * _WINDOW / step) + 1), time.size - 1 + time.size % 2)
     smooth = _sample(even, time, place)
-    speed, acceleration = (savgol_filter(smooth, window, 2, deriv, step, axis=0) for deriv in (1, 2))
+    speed = savgol_filter(smooth, window, 2, 1, step, axis=0)
     # a contact that jumps rests before and after it, and moves between two rows
     near = _CLEAR * np.sqrt(2.0) * seen.noise
     far = np.maximum(_MOVES * np.abs(speed).max(axis=0) * step * _SIDE, near)
@@ -152,8 +140,6 @@ def move(seen: Seen, body: Body, time: np.ndarray, place: np.ndarray) -> Seen:
     return dataclasses.replace(
         seen,
         place=shown,
-        speed=_sample(at, even, speed),
-        acceleration=_sample(at, even, acceleration),
         rests=1.0 - _sample(at, halves, both),
         elongation=body.elongation(shown - body.position),
     )

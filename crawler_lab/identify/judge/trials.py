@@ -266,7 +266,7 @@ def try_faults(
 def _begin(
     scene: Scene, problem: Problem, fit: Fit, rows: Sequence[np.ndarray]
 ) -> tuple[FaultProblem, list[Seen], list[Replica]] | None:
-    """Build the problem with finer commands and loads, what its recordings show, and their plain replicas."""
+    """Build the problem with finer commands, what its recordings show, and their plain replicas."""
     body, keys = scene.body, list(problem.space.names)
     if body.segments or scene.columns.links != body.springs or scene.ground.track is not None:
         return None
@@ -276,9 +276,8 @@ def _begin(
     if len(known) < len(seen):
         return None
     relaxed = relax_start(scene, keys, known[0].measured)
-    document = (scene if relaxed is None else relaxed).document()
-    loaded = scene if scene.columns.loads else Scene.model_validate(document | {"loads": 0.0})
-    replicas = [Replica(loaded, one.measured, keys, "identify", relaxed is not None) for one in known]
+    begun = scene if relaxed is None else relaxed
+    replicas = [Replica(begun, one.measured, keys, "identify", relaxed is not None) for one in known]
     plain = []
     for i, one in zip(fitted, known, strict=True):
         own = problem.replicas[i].measured

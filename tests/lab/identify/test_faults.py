@@ -38,7 +38,6 @@ def build(scene: Scene, measured: Measurements) -> tuple[Replica, Problem, Fit]:
 def fit_fault(kind: str, what: str) -> tuple[float, float, np.ndarray]:
     """Fit a suspect: the parts that it explains of the sums of squares, and that noise leaves, and its numbers."""
     document, measured, _ = spoil(0, kind)
-    document["loads"] = 0.0
     scene = Scene.model_validate(document)
     _, problem, fit = build(scene, measured)
     seen = see_motion(problem, fit, 0, np.arange(0, measured.time.size, 3))
