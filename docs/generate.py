@@ -325,8 +325,25 @@ def python() -> str:
     return text
 
 
+def performance() -> str:
+    """Write the table of mistakes into the page of the performance.
+
+    Returns:
+        The page.
+    """
+    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    found = json.loads((ROOT / "benchmarks" / "results" / "mistakes.json").read_text(encoding="utf-8"))
+    columns = ("what is wrong", "robots", "called doubtful", "right explanation first")
+    rows = [(row["mistake"], *(str(row[key]) for key in ("robots", "doubtful", "first"))) for row in found["rows"]]
+    robots, doubtful, first = (sum(row[key] for row in found["rows"]) for key in ("robots", "doubtful", "first"))
+    rows.append(("all", str(robots), f"{doubtful / robots:.0%}", f"{first / doubtful:.0%} of the doubtful"))
+    before, rest = page.split("<!-- mistakes -->\n\n")
+    return before + "<!-- mistakes -->\n\n" + table(*columns, rows=rows) + rest[rest.index("\n\n") + 2 :]
+
+
 FILES: dict[Path, Callable[[], str]] = {
     ROOT / "msgs_config" / "scene.schema.json": schema,
+    ROOT / "docs" / "performance.md": performance,
     **{REFERENCE / f"{page.__name__}.md": page for page in (scenes, topics, parameters, command, python)},
 }
 """The generated files, and the functions that generate them; each file ends with one newline."""
