@@ -18,6 +18,7 @@ from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 
 from .cite import cite
 from .executables import describe_missing
+from .pages import takes_page
 from .recordings.compare import compare
 from .replay import replay
 from .run import run_controller
@@ -71,6 +72,7 @@ app.command("simulate")(simulate_command)
 
 
 @app.command()
+@takes_page
 def check(
     scene: SceneArgument,
     png: Annotated[Path | None, typer.Option(help="Draw the stasis domain into this file: .png, .pdf or .svg.")] = None,

@@ -12,6 +12,7 @@ import typer
 from crawler_model import CrawlerError
 from crawler_ros.node.life.exit import STOPPED
 
+from .pages import takes_page
 from .screen import (
     PICTURES,
     READERS,
@@ -43,6 +44,7 @@ Recordings = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
+@takes_page
 def replay(
     recordings: Recordings,
     scene: SceneOption = None,

@@ -16,6 +16,7 @@ from crawler_model.run.ticks import RATE
 from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.numbers import error_of, write_energy, write_length
 
+from .pages import takes_page
 from .screen import (
     PICTURES,
     DurationOption,
@@ -100,6 +101,7 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
             progress(done / run.time.size)
 
 
+@takes_page
 def simulate_command(
     scene: SceneArgument,
     duration: DurationOption = None,

@@ -29,6 +29,7 @@ from .domain_text import (
     title,
     verdict,
 )
+from .style import open_figure, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,13 +39,11 @@ if TYPE_CHECKING:
 
 def draw_three(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of three contacts."""
-    from matplotlib.figure import Figure
-
     shown = _distinct(shown_waypoints(scene))
-    columns = 2 if len(shown) == 4 else min(len(shown), 3)
+    columns = 2 if len(shown) == 4 else min(len(shown), 2 if page().narrow else 3)
     rows = -(-len(shown) // columns)
     size = (7.0, 6.8) if len(shown) == 1 else (4.2 * columns, 4.3 * rows + 0.6)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = open_figure(*size)
     grid = figure.subplots(rows, columns, squeeze=False)
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     path = section_path(scene, run.tension)[last_period(run)]
@@ -190,8 +189,6 @@ def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
 
 def draw_many(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of four contacts and more: two projections and the range of each section."""
-    from matplotlib.figure import Figure
-
     shown = _distinct(shown_waypoints(scene))
     path = section_path(scene, run.tension)[last_period(run)]
     first, which_first = ((0, 1), "the first two sections")
@@ -199,9 +196,9 @@ def draw_many(scene: Plan, run: Trajectory) -> Figure:
         first, which_first = _between_parts(scene.body), "sections that divide the body"
     pairs = list(dict.fromkeys([first, _most_variable(path)]))
     names = [f"onto_{i}" for i in range(len(pairs))]
-    rows: list[Any] = [names, ["ranges"] * len(names)]
-    figure = Figure(figsize=(5.6 * len(names) + 0.4, 9.0), layout="constrained")
-    axes = figure.subplot_mosaic(rows, height_ratios=[2, 1.2])
+    rows: list[Any] = [[name] for name in names] if page().narrow else [names]
+    figure = open_figure(5.6 * len(rows[0]) + 0.4, 5.6 * len(rows) + 3.4, stacked=not page().narrow)
+    axes = figure.subplot_mosaic([*rows, ["ranges"] * len(rows[0])], height_ratios=[2] * len(rows) + [1.2])
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     for name, pair in zip(names, pairs, strict=True):
         _draw_projections(axes[name], scene, [domain for _, domain in shown], pair, path)
@@ -272,7 +269,9 @@ def _draw_ranges(axis: Axes, scene: Plan, path: np.ndarray) -> None:
         ticks = np.unique(np.linspace(0, sections.size - 1, 9).round().astype(int))
         places = 0.5 * (scene.body.position[:-1] + scene.body.position[1:])
         axis.set_xticks(ticks, [f"{places[i]:.3g}" for i in ticks])
-    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, fontsize=8, frameon=False)
+    axis.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1 if page().narrow else 3, fontsize=8, frameon=False
+    )
 
 
 def _draw_bars(axis: Axes, low: np.ndarray, high: np.ndarray, width: float, label: str, **style: Any) -> None:

@@ -15,6 +15,7 @@ from crawler_model.body.turning import forward_angles
 from .colors import FORWARD
 from .domain_text import last_period
 from .numbers import shorten
+from .style import open_figure, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,11 +47,9 @@ def draw_panels(
     Returns:
         The figure, three panels in a row.
     """
-    from matplotlib.figure import Figure
-
-    columns = min(len(sets), 3)
+    columns = min(len(sets), 2 if page().narrow else 3)
     rows = -(-len(sets) // columns)
-    figure = Figure(figsize=(4.2 * columns, 4.8 * rows), layout="constrained")
+    figure = open_figure(4.2 * columns, 4.8 * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     figure.suptitle(title, parse_math=False)
     for axis, (i, outlines) in zip(axes, sets.items(), strict=False):

@@ -28,6 +28,7 @@ from .domain_text import (
     title,
     verdict,
 )
+from .style import open_figure, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,23 +41,27 @@ _LETTERS = "abcdefghi"
 
 def draw_two(scene: Plan, run: Trajectory) -> Figure:
     """Draw the page of two contacts."""
-    from matplotlib.figure import Figure
-
     shown = shown_waypoints(scene)
     moves = run.time.size > 1
     swept = moves and is_constant(scene) and scene.body.springs == 1 and not scene.body.bends
     rows: list[Any]
     if not moves:
         rows, heights, size = [["box_0"]], [1.0], (5.5, 5.5)
+    elif swept and page().narrow:
+        rows, heights, size = [["box_0"], ["sweep"], ["motion"], ["band"]], [1.7, 1.2, 1.0, 1.0], (11.0, 14.0)
     elif swept:
         rows = [["box_0", "sweep", "sweep"], ["motion"] * 3, ["band"] * 3]
         heights, size = [2.0, 1.0, 1.0], (11.0, 10.0)
     else:
         count = len(shown) if len(shown) > 1 else 3
         top = [f"box_{i}" if i < len(shown) else "." for i in range(count)]
-        rows, heights = [top, ["band"] * count, ["motion"] * count], [11.0 / count + 0.3, 3.6, 2.4]
+        across = min(count, 2) if page().narrow else count
+        top += ["."] * (-count % across)
+        rows = [top[i : i + across] for i in range(0, count, across)]
+        heights = [(6.0 if page().narrow else 11.0) / across + 0.3] * len(rows) + [3.6, 2.4]
+        rows += [["band"] * across, ["motion"] * across]
         size = (11.0, sum(heights))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = open_figure(*size, stacked=moves)
     axes = figure.subplot_mosaic(rows, height_ratios=heights)
     figure.suptitle(f"{title(scene)}\n{verdict([domain for _, domain in shown])}", fontsize=11)
     reach = max(float(max(domain.forward.max(), domain.backward.max())) for _, domain in shown) or 1.0
@@ -65,7 +70,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
         draw_box(axis, domain, reach, len(shown) <= 1)
         axis.set_title(f"t = {time_s:.3g} s" if len(shown) > 1 else "the box C of both spring forces, and its section")
         axis.set_xlabel("$(g_0 + g_1)/2$ [N]")
-        if i == 0:
+        if axis.get_subplotspec().is_first_col():
             axis.set_ylabel(f"${symbol(scene)} = (g_0 - g_1)/2$ [N]\n(> 0: stretched)")
         else:
             axis.tick_params(labelleft=False)
@@ -77,7 +82,8 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
     draw_motion(axes["motion"], run)
     lowest = axes["band"] if swept else axes["motion"]
     between = ", and some between" if swept else ""
-    lowest.set_xlabel(f"simulated time [s]; dotted: ticks beside which sliding begins or ends{between}")
+    dotted = f"; dotted: ticks beside which sliding begins or ends{between}"
+    lowest.set_xlabel("simulated time [s]" + ("" if page().narrow else dotted))
     for name in ("band", "motion"):
         axes[name].set_xlim(run.time[0], run.time[-1])
         for row in marks:
@@ -86,7 +92,7 @@ def draw_two(scene: Plan, run: Trajectory) -> Figure:
             axes[name].tick_params(labelbottom=False)
     if swept:
         draw_sweeping(axes["sweep"], run, marks)
-    for i, row in enumerate(marks):
+    for i, row in enumerate(marks if swept or not page().narrow else ()):
         text, fontsize = (_LETTERS[i], 10) if swept else (f"{run.time[row]:.3g}", 7)
         frame: Any = ("data", "axes fraction")
         where = (float(run.time[row]), 1.0)
@@ -219,7 +225,9 @@ def draw_band(axis: Axes, run: Trajectory) -> None:
     )
     axis.set_ylabel(f"{quantity(scene)} [N]\n(> 0: stretched)")
     axis.margins(y=0.08)
-    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, fontsize=8, frameon=False)
+    axis.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1 if page().narrow else 5, fontsize=8, frameon=False
+    )
 
 
 def draw_motion(axis: Axes, run: Trajectory) -> None:
@@ -239,7 +247,9 @@ def draw_motion(axis: Axes, run: Trajectory) -> None:
         )
     axis.plot(run.time, run.net_translation, color=FORWARD, linewidth=1.8, label="net translation $y$")
     axis.set_ylabel("length [m]")
-    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=8, fontsize=8, frameon=False)
+    axis.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=2 if page().narrow else 8, fontsize=8, frameon=False
+    )
 
 
 def _marked_instants(run: Trajectory, middles: bool) -> list[int]:

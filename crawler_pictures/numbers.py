@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .style import page
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -144,5 +146,6 @@ def label_values(axis: Axes, what: str, unit: str, size: float) -> float:
     scale, named = choose_prefix(max(abs(low), abs(high)), unit)
     axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / scale:.10g}".replace("-", "\u2212")))
-    axis.set_ylabel(f"{what} [{named}]" if named else what)
+    between = "\n" if page().narrow and "\n" not in what else " "
+    axis.set_ylabel(f"{what}{between}[{named}]" if named else what)
     return scale

@@ -11,6 +11,7 @@ import typer
 
 from crawler_model import CrawlerError
 
+from ..pages import takes_page
 from ..replay import JsonOption
 from ..screen import (
     PICTURES,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from crawler_ros.replay.show.walks import Walk
 
 
+@takes_page
 def compare(
     runs: Annotated[
         list[str],

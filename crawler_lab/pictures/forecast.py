@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, write_figure
 
 from ..identify.forecast.predict import Forecast
 
@@ -24,7 +22,7 @@ def draw_forecast(found: Forecast, path: Path) -> None:
         found: the prediction.
         path: the .png file.
     """
-    figure = Figure(figsize=(9.0, 5.5), layout="constrained")
+    figure = open_figure(9.0, 5.5, stacked=True)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     for i, contact in enumerate(found.contacts):
         color = LINES[i % len(LINES)]

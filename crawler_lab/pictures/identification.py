@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from crawler_pictures.colors import LINES, TEXT
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, write_figure
 
 from ..identify.fit.misfit import Misfit, find_period
 from ..identify.identification import Identification
@@ -98,7 +98,7 @@ def plot_identification(found: Identification) -> Figure:
     shown = _largest([max(row.size for row in rows) for rows in recordings], _MOST_RECORDINGS)
     kept = [[recordings[i][m] for m in _largest([row.size for row in recordings[i]], _MOST_ROWS)] for i in shown]
     heights = [3.1 + len(rows) * (1.1 if len(rows) <= 3 else 0.9 if len(rows) <= 6 else 0.75) for rows in kept]
-    figure = Figure(figsize=(10.0, sum(heights)), layout="constrained")
+    figure = open_figure(10.0, sum(heights), stacked=True)
     parts = figure.subfigures(len(shown), 1, squeeze=False, height_ratios=heights)[:, 0]
     for part, i, rows in zip(parts, shown, kept, strict=True):
         title = shorten(found.recordings[i].name)

@@ -17,7 +17,7 @@ from crawler_pictures.run.forces import draw_commands
 from crawler_pictures.run.kymograph import draw_positions, explain_states, make_room, place_legend, write_title
 from crawler_pictures.run.plane import draw_plane
 from crawler_pictures.run.trajectory import read_trajectory
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import draw_levels, open_figure, own_style, page, write_figure
 
 from ..optimise.gait_table import name_number
 from ..optimise.landscape import map_plane, profile
@@ -54,10 +54,8 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         units: unit of each unknown, by its name; "1" for none.
         png: the file to write.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 8), layout="constrained")
-    left, right = figure.subfigures(1, 2, squeeze=False)[0]
+    figure = open_figure(11, 14 if page().narrow else 8, stacked=True)
+    left, right = figure.subfigures(*((2, 1) if page().narrow else (1, 2)), squeeze=False).ravel()
     run, shown = _run_settled(optimum)
     if run.planar:
         above, below = left.subfigures(2, 1)
@@ -157,6 +155,7 @@ def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str])
     drawn = axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **scale)
     axis.set_facecolor(GREY)
     part.colorbar(drawn, ax=axis, label=_LABELS[optimum.objective])
+    draw_levels(axis, x, y, values)
     axis.plot(
         optimum.values[pair[0]], optimum.values[pair[1]], "o", color="black", mfc="white", ms=7, zorder=4, clip_on=False
     )
@@ -176,9 +175,7 @@ def draw_front(front: Front, png: Path) -> None:
         front: the curve.
         png: the file to write.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7, 5), layout="constrained")
+    figure = open_figure(7, 5)
     axis = figure.subplots()
     gains = [point.gain for point in front.points]
     costs = [point.cost_of_transport for point in front.points]

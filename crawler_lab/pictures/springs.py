@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from crawler_pictures.colors import GREY, LINES
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, page, write_figure
 
 from ..springs.springs import Springs
 
@@ -24,8 +23,11 @@ def draw_springs(found: Springs, path: Path) -> None:
         found: the fitted spring.
         path: the .png file.
     """
-    figure = Figure(figsize=(10.0, 5.0), layout="constrained")
-    axes = figure.subplot_mosaic([["loop", "force"], ["loop", "left"]], width_ratios=[1.1, 1], height_ratios=[2, 1])
+    figure = open_figure(10.0, 9.0 if page().narrow else 5.0, stacked=True)
+    if page().narrow:
+        axes = figure.subplot_mosaic([["loop"], ["force"], ["left"]], height_ratios=[2, 2, 1])
+    else:
+        axes = figure.subplot_mosaic([["loop", "force"], ["loop", "left"]], width_ratios=[1.1, 1], height_ratios=[2, 1])
     loop, force, left = axes["loop"], axes["force"], axes["left"]
     measured, model = LINES[0], LINES[1]
     for axis, along in ((loop, _MM * found.elongation), (force, found.time)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 from crawler_model import CrawlerError
 from crawler_pictures.colors import ACTUATION, TENSION
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import draw_levels, open_figure, own_style, page, write_figure
 
 from ..sweep.results import UNITS, ManyRuns
 from ..sweep.vary import Variations
@@ -51,16 +52,15 @@ def draw_sweep(
     Raises:
         CrawlerError: when no variation has a value of the result.
     """
-    from matplotlib.figure import Figure
-
     keys = [key for key, n in zip(variations.values, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
-    figure = Figure(figsize=(8, 5.5 if len(keys) == 2 else 4.5), layout="constrained")
+    figure = open_figure(8, 5.5 if len(keys) == 2 else 4.5)
     axes = figure.subplots()
     unit = UNITS.get(name, "1")
     label = _WORDS.get(name, name.replace("_", " ") + (f" [{unit}]" if unit != "1" else ""))
     if runs.gained.ndim == 2 and getattr(runs, name).ndim == 2:
         label = label.replace("translation", "translation along x") if name in _WORDS else f"{label}, along x"
+    label = textwrap.fill(label, 28) if page().narrow else label
     if len(keys) == 1:
         _draw_line(axes, variations.values[keys[0]], gain, runs, keys[0] in logarithmic)
         axes.set_ylabel(label)
@@ -73,7 +73,8 @@ def draw_sweep(
             getattr(axes, f"set_{axis}scale")("log")
     stopped = ", stopped early" if runs.interrupted else ""
     title = f"{shorten(variations.base.name)}: {len(runs)} variations{stopped}"
-    axes.set_title(title, fontsize=10, loc="left", parse_math=False)
+    if not page().paper:
+        axes.set_title(title, fontsize=10, loc="left", parse_math=False)
     write_figure(figure, png, 110)
 
 
@@ -181,6 +182,7 @@ def _draw_map(
     cells = np.where((y_of >= 0)[:, None] & (x_of >= 0), table[np.maximum(y_of, 0)][:, np.maximum(x_of, 0)], np.nan)
     drawn = axes.pcolormesh(across, upwards, cells, rasterized=True, **scale)
     figure.colorbar(drawn, ax=axes, label=label)
+    draw_levels(axes, x, y, table)
     handles = []
     opened = np.zeros(table.shape)
     opened[row, column] = (runs.status == "done") & ~runs.unique

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from crawler_command.pages import takes_page
 from crawler_command.screen import (
     PICTURES,
     ForceOption,
@@ -155,6 +156,7 @@ _Png = Annotated[
 ]
 
 
+@takes_page
 def optimise_command(
     scene: SceneArgument,
     objective: _Objective,

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from crawler_command.pages import takes_page
 from crawler_command.screen import PICTURES, ForceOption, check_output, require, screen, whole_file
 from crawler_model import CrawlerError
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _NAMES = ("elongation", "force", "time")
 
 
+@takes_page
 def springs_command(
     table: Annotated[
         Path, typer.Argument(help="A table of elongation, force and, if measured, time (.csv, .tsv, .txt or .parquet).")

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from crawler_command.pages import takes_page
 from crawler_command.screen import (
     DurationOption,
     ForceOption,
@@ -20,6 +21,7 @@ from crawler_command.screen import (
 from crawler_model.run.ticks import RATE
 
 
+@takes_page
 def sweep(
     scene: SceneArgument,
     vary: Annotated[

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..colors import BACK, FORWARD
 from ..numbers import ROUNDING, label_values
+from ..style import page
 from .arrays import Gains
 from .kymograph import write_title
 
@@ -41,7 +42,8 @@ def draw_gains(part: Any, gains: Gains, size: float, planar: bool) -> None:
     left.set_xlabel("cycle" + (" (light: transient)" if gains.transient.any() else ""))
     scale = label_values(left, ("x gained" if planar else "net translation") + "\nin the cycle", "m", size)
     if few:
-        left.bar_label(bars, labels=[f"{v / scale:.4g}" for v in gained], fontsize=8, padding=2)
+        if not page().narrow or gained.size <= 6:
+            left.bar_label(bars, labels=[f"{v / scale:.4g}" for v in gained], fontsize=8, padding=2)
         left.set_xticks(number)
     if right is not None:
         _draw_slips(right, gains, float(gained[-1]), size)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ..colors import BACK, BOTH, FORWARD, JUMP, STICK, TEXT, rgb
 from ..numbers import shorten
+from ..style import page
 from .pixels import divide, join_states, thin
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ _MOST_SAMPLES = 4000
 _EMPTY = "#ffffff"
 _NARROW, _NARROW_LEGEND = 58, 72
 """Letters of a title, or of a legend with 7 for the line of each entry, that fit above a panel of half a page."""
+_HALF = 4.5
+"""Width of half a page [inch]."""
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
 """The ground of text that may stand on a curve."""
 _THINNEST = 0.02
@@ -193,7 +196,7 @@ def place_legend(axis: Axes, handles: Sequence[Any], lines: int = 1) -> None:
         fontsize=8,
         frameon=False,
         borderaxespad=0.1,
-        handlelength=1.2,
+        handlelength=2.4 if page().paper else 1.2,
         columnspacing=1.2,
     )
 
@@ -206,17 +209,23 @@ def write_title(axis: Axes, text: str, pad: float = 4.0) -> None:
         text: the text.
         pad: its distance from the axes [points].
     """
-    axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad, parse_math=False)
+    if not page().paper:  # where the caption says it
+        axis.set_title(text, fontsize=8, color=TEXT, loc="left", pad=pad, parse_math=False)
 
 
 def _count_lines(widths: list[int]) -> int:
     """Count the lines among which the entries of a legend, which fill it column by column, are narrow enough."""
-    count = len(widths)
+    count, room = len(widths), _NARROW_LEGEND * _room()
     for lines in range(1, count):
         columns = np.array_split(widths, -(-count // lines))
-        if sum(int(column.max()) for column in columns) <= _NARROW_LEGEND:
+        if sum(int(column.max()) for column in columns) <= room:
             return lines
     return count
+
+
+def _room() -> float:
+    """Return the part of the width for half a page that a narrow page has."""
+    return min((page().inches or _HALF) / _HALF, 1.0)
 
 
 def make_room(axis: Axes) -> None:
@@ -235,4 +244,4 @@ def make_room(axis: Axes) -> None:
         place_legend(axis, handles, lines)
     title = axis.get_title("left")
     if title:
-        write_title(axis, textwrap.fill(title, _NARROW), 4.0 + 13.0 * lines)
+        write_title(axis, textwrap.fill(title, int(_NARROW * _room())), 4.0 + 13.0 * lines)

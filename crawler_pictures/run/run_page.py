@@ -15,7 +15,7 @@ from crawler_model.run.orientation import shape_orientation
 from ..colors import ACTUATION, BACK, FORWARD, JUMP, TENSION, TEXT
 from ..ground import draw_areas, draw_jumps, draw_walls, list_sections
 from ..numbers import label_values, shorten
-from ..style import own_style, write_figure
+from ..style import open_figure, own_style, page, write_figure
 from .arrays import Commands, RunArrays
 from .cycles import MOST_BARS, draw_gains
 from .forces import (
@@ -65,31 +65,32 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     """
     if run.time.size == 0:
         raise CrawlerError(f"{png}: there is no state to draw")
-    from matplotlib.figure import Figure
-
     notes = [*run.notes, *_constants(run)]
-    heights = [0.3 + 0.15 * len(notes)]
+    heights = [] if page().paper else [0.3 + 0.15 * len(notes)]
+    narrow = two_columns or page().narrow
     columns = _halve(_panels(run)) if two_columns else [_panels(run)]
     if run.planar:
-        heights.append(5.2)
+        heights.append(9.0 if page().narrow else 5.2)
     title = 0.45 if two_columns else 0.28
     heights.append(max(sum(height + title for height, _ in column) for column in columns) + 0.4)
     if run.gains is not None:
         heights.append(2.4)
     width, dpi = (_PRINT_WIDTH, _PRINT_DPI) if two_columns else (_WIDTH, _DPI)
-    figure = Figure(figsize=(width, sum(heights)), layout="constrained")
+    figure = open_figure(width, sum(heights), stacked=True)
     parts: list[Any] = list(np.atleast_1d(figure.subfigures(len(heights), 1, height_ratios=heights)))  # type: ignore[arg-type]
-    _write_head(parts.pop(0), run.title, notes)
+    if not page().paper:
+        _write_head(parts.pop(0), run.title, notes)
     if run.planar:
-        _draw_above(parts.pop(0), run, two_columns)
+        _draw_above(parts.pop(0), run, narrow)
     body = parts.pop(0)
     for part, column in zip(np.atleast_1d(body.subfigures(1, len(columns))), columns, strict=True):
-        _draw_column(part, column, run, two_columns)
+        _draw_column(part, column, run, narrow)
     if run.gains is not None:
         draw_gains(parts.pop(0), run.gains, _size(run), run.planar)
-    layout: Any = figure.get_layout_engine()
-    layout.execute(figure)
-    figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
+    if not page().paper:  # which changes the letters
+        layout: Any = figure.get_layout_engine()
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # once is enough: saving would lay out a second time
     write_figure(figure, png, dpi)
 
 
@@ -155,7 +156,10 @@ def _constants(run: RunArrays) -> list[str]:
 
 
 def _draw_above(part: Any, run: RunArrays, narrow: bool) -> None:
-    left, right = part.subplots(1, 2, width_ratios=[2.6, 1]) if run.force is not None else (part.subplots(), None)
+    if run.force is None:
+        left, right = part.subplots(), None
+    else:
+        left, right = part.subplots(2, 1) if page().narrow else part.subplots(1, 2, width_ratios=[2.6, 1])
     draw_plane(left, run.positions, run.state, run.mean, run.ends, list(run.contacts))
     if narrow:
         make_room(left)

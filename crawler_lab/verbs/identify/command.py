@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from crawler_command.pages import takes_page
 from crawler_command.screen import (
     PICTURES,
     READERS,
@@ -60,6 +61,7 @@ CommandsOption = Annotated[
 ]
 
 
+@takes_page
 def identify_command(
     recordings: Annotated[
         list[Path],

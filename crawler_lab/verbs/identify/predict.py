@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from crawler_command.pages import takes_page
 from crawler_command.screen import PICTURES, ForceOption, SceneArgument, check_output, screen, whole_file
 
 if TYPE_CHECKING:
     from ...identify.forecast.predict import Forecast
 
 
+@takes_page
 def predict_command(
     scene: SceneArgument,
     fit: Annotated[Path, typer.Option("--from", metavar="FIT.json", help="What `crawler identify --json` printed.")],

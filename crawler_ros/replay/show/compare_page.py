@@ -12,7 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, page, write_figure
 
 from ..analysis import Replay
 from .compare import RunComparison
@@ -29,10 +29,11 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
         found: the comparison.
         png: the file to write.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11, 7), layout="constrained")
-    axes = figure.subplots(2, 2, width_ratios=[2, 1])
+    figure = open_figure(11, 14 if page().narrow else 7, stacked=True)
+    if page().narrow:
+        axes = figure.subplots(4, 1).reshape(2, 2)
+    else:
+        axes = figure.subplots(2, 2, width_ratios=[2, 1])
     runs = (found.first, found.second)
     labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
     _draw_translations(axes[0, 0], runs, labels, _COLORS)
@@ -111,13 +112,11 @@ def draw_all(found: Sequence[RunComparison], png: Path) -> None:
         found: the comparisons of each run but the first with the first.
         png: the file to write.
     """
-    from matplotlib.figure import Figure
-
     runs = [found[0].first, *(compared.second for compared in found)]
     few = len(runs) <= len(LINES)
     colors = LINES[: len(runs)] if few else ("#000000", *["#9a9a9a"] * len(found))
-    figure = Figure(figsize=(11, 2.6 + 0.22 * len(runs)), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    figure = open_figure(11, (2.6 + 0.22 * len(runs)) * (2 if page().narrow else 1), stacked=True)
+    left, right = figure.subplots(*((2, 1) if page().narrow else (1, 2)))
     _draw_translations(left, runs, [run.path.name for run in runs], colors)
     left.set_xlabel("simulated time [s]")
     write_title(

@@ -16,7 +16,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, page, write_figure
 
 from ..analysis import Replay
 
@@ -226,12 +226,11 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
         walks: the runs.
         png: the file to write.
     """
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(figsize=(11, 4.5), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[3, 2])
+    figure = open_figure(11, 9 if page().narrow else 4.5, stacked=True)
+    left, right = figure.subplots(2, 1) if page().narrow else figure.subplots(1, 2, width_ratios=[3, 2])
     size = max(walk.size for walk in walks)
     handles = []
     for k, walk in enumerate(walks):

@@ -147,9 +147,9 @@ def test_settings_of_the_user_hold_again_behind_a_picture():
         assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["text.color"]) == (23, "white")
 
 
-OPENING = {"Figure", "figure", "Stage"}
-HELPERS = {"draw_two", "draw_three", "draw_many", "draw_panels"}
-"""Build figures for `draw_domain`, with its settings."""
+OPENING = {"Figure", "open_figure", "figure", "Stage"}
+HELPERS = {"draw_two", "draw_three", "draw_many", "draw_panels", "open_figure"}
+"""Build figures for `draw_domain` and others, with their settings."""
 
 
 def test_every_function_that_opens_a_figure_does_so_with_these_settings():
