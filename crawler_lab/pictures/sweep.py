@@ -38,6 +38,7 @@ def draw_sweep(
     runs: ManyRuns,
     png: Path,
     column: str | None = None,
+    over: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Draw a result over the keys that vary, one or two of them.
 
@@ -48,11 +49,13 @@ def draw_sweep(
         runs: the results.
         png: the file to write.
         column: name of the result in `ManyRuns`; None for the net translation.
+        over: what the axes show, each of shape (M,), as ratios of keys; None for the values of the keys.
 
     Raises:
         CrawlerError: when no variation has a value of the result.
     """
-    keys = [key for key, n in zip(variations.values, variations.shape, strict=True) if n > 1]
+    over = over or variations.values
+    keys = [key for key, n in zip(over, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
     figure = open_figure(8, 5.5 if len(keys) == 2 else 4.5)
     axes = figure.subplots()
@@ -62,10 +65,10 @@ def draw_sweep(
         label = label.replace("translation", "translation along x") if name in _WORDS else f"{label}, along x"
     label = textwrap.fill(label, 28) if page().narrow else label
     if len(keys) == 1:
-        _draw_line(axes, variations.values[keys[0]], gain, runs, keys[0] in logarithmic)
+        _draw_line(axes, over[keys[0]], gain, runs, keys[0] in logarithmic)
         axes.set_ylabel(label)
     else:
-        axes_values = [variations.values[key] for key in keys]
+        axes_values = [over[key] for key in keys]
         _draw_map(figure, axes, axes_values, [key in logarithmic for key in keys], gain, runs, label)
     for key, axis in zip(keys, "xy", strict=False):
         getattr(axes, f"set_{axis}label")(f"{key} [{units[key]}]".replace(" [1]", ""))

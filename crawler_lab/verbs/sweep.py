@@ -29,7 +29,8 @@ def sweep(
         typer.Option(
             metavar="KEY=FROM:TO:N",
             help="A number of the scene by its dotted key, and its values: FROM:TO:N, log:FROM:TO:N or A,B,C. "
-            "Repeat the option for every combination of several keys.",
+            "Repeat the option for every combination of several keys. KEY/OTHER=... varies a ratio: the number KEY "
+            "follows OTHER.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="The table to write, .parquet or .csv; it must not exist.")],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import platform
 import sys
 import time
@@ -42,7 +43,8 @@ class Sweep:
     Attributes:
         variations: the scenes.
         settings: settings of each run.
-        specs: the values requested for each key, as text.
+        specs: the values requested for each key or ratio of keys, as text.
+        axes: their values in each variation, shape (M,).
         out: the table.
         png: the picture; None to draw none.
         column: the result that the picture shows; None for the net translation.
@@ -51,6 +53,7 @@ class Sweep:
     variations: Variations
     settings: Settings
     specs: Mapping[str, str]
+    axes: Mapping[str, np.ndarray]
     out: Path
     png: Path | None
     column: str | None = None
@@ -126,7 +129,7 @@ def plan_sweep(
         raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
     if column in SCREW and scene.body.turning is None:
         raise CrawlerError(f"--plot: {column}: only bodies that turn have it, and {scene.name} does not")
-    variations = vary(scene, values)
+    variations, columns = _vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
         raise CrawlerError(f"{scene.name}: the scene has no drive; set the simulated time with --duration")
@@ -138,7 +141,36 @@ def plan_sweep(
         check_output(option, file, suffixes, force)
     if column is not None and png is None:
         raise CrawlerError(f"--plot: a picture needs one or two keys that vary; this sweep has {len(values)}")
-    return Sweep(variations, settings, specs, out, png, column)
+    return Sweep(variations, settings, specs, columns, out, png, column)
+
+
+def _vary(scene: Scene, axes: Mapping[str, np.ndarray]) -> tuple[Variations, Mapping[str, np.ndarray]]:
+    """Vary numbers, and by `KEY/OTHER` the first number at a ratio to the other, which varies too or is the scene's.
+
+    Returns the variations, and the value of each axis in each of them.
+    """
+    ratios = {key: key.partition("/")[::2] for key in axes if "/" in key}
+    if not ratios:
+        variations = vary(scene, axes)
+        return variations, variations.values
+    shape = tuple(numbers.size for numbers in axes.values())
+    if (count := math.prod(shape)) > MOST_VARIATIONS:
+        raise CrawlerError(f"--vary: {count} variations; at most {MOST_VARIATIONS}")
+    grid = dict(zip(axes, (a.ravel() for a in np.meshgrid(*axes.values(), indexing="ij")), strict=True))
+    columns = {key: column for key, column in grid.items() if key not in ratios}
+    followers = [over for over, _ in ratios.values()]
+    for key, (over, under) in ratios.items():
+        if over in columns or under in followers:
+            raise CrawlerError(f"--vary {key}: {over} follows {under}; no other --vary may change how they follow")
+        other = grid[under] if under in grid else Variations(scene, {under: np.zeros(1)}, (1,)).origin(under)
+        columns[over] = grid[key] * other
+    return dataclasses.replace(vary(scene, columns, grid=False), shape=shape), grid
+
+
+def _unit(scene: Scene, key: str) -> str:
+    """Return the unit of a number, or of a ratio of two."""
+    units = [unit_of(scene, part) for part in key.split("/")]
+    return units[0] if len(units) == 1 else "1" if units[0] == units[1] else f"{units[0]} / ({units[1]})"
 
 
 def run_sweep(
@@ -176,10 +208,10 @@ def run_sweep(
             from ..pictures.sweep import draw_sweep
 
             with whole_file(sweep.png) as part:
-                units = {key: unit_of(sweep.variations.base, key) for key in sweep.specs}
+                units = {key: _unit(sweep.variations.base, key) for key in sweep.specs}
                 logarithmic = [key for key, spec in sweep.specs.items() if spec.startswith("log:")]
                 try:
-                    draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column)
+                    draw_sweep(sweep.variations, units, logarithmic, runs, part, sweep.column, sweep.axes)
                 except CrawlerError as error:
                     raise CrawlerError(f"{error}; the table is written: {sweep.out}") from None
     return runs

@@ -88,6 +88,21 @@ def test_a_map_over_two_keys_in_the_grids_order(tmp_path):
     assert {"crawler-ros", "numpy", "numba", "python"} <= sweep["versions"].keys()
 
 
+def test_an_axis_may_be_a_ratio_to_a_number_that_varies_or_is_the_scenes(tmp_path):
+    ratio, forward, backward = "friction.forward/friction.backward", "friction.forward", "friction.backward"
+    keys = ["--vary", f"{ratio}=0.25:0.75:3", "--vary", f"{backward}=1,2"]
+    out = ["--out", "r.csv", "--png", "r.svg", "--json"]
+    about = json.loads(good("sweep", "two_contacts_anisotropic", *keys, *out, cwd=tmp_path))
+    assert (about["shape"], about["done"]) == ([3, 2], 6)
+    with (tmp_path / "r.csv").open(newline="") as stream:
+        rows = [(float(row[forward]), float(row[backward])) for row in csv.DictReader(stream)]
+    assert rows == [(r * b, b) for r in (0.25, 0.5, 0.75) for b in (1.0, 2.0)]
+    assert f"<!-- {ratio} -->" in (tmp_path / "r.svg").read_text(encoding="utf-8")
+    good("sweep", "two_contacts_anisotropic", *keys[:2], "--out", "one.parquet", cwd=tmp_path)
+    own = load_scene("two_contacts_anisotropic").document()["friction"]["backward"]
+    assert table_of(tmp_path / "one.parquet")[forward].to_pylist() == [r * own for r in (0.25, 0.5, 0.75)]
+
+
 def test_a_csv_table_has_the_same_numbers(tmp_path):
     keys = ["--vary", "ground.slope=0:20:3", "--vary", "loads[0]=-0.1:0:2"]
     for file in ("s.parquet", "s.csv"):
@@ -226,6 +241,8 @@ def read_screen(screen: int, shown: list[str]) -> None:
 MISTAKES = [
     ([*LENGTHS, "--vary", "drive.length=1:2:3"], "drive.length: the key is repeated"),
     (["--vary", "drive.lenth=0:6:3"], "drive.lenth: unknown key; the nearest known key is 'drive.length'"),
+    (["--vary", "drive.length/drive.lenth=1,2"], "drive.lenth: unknown key"),
+    ([*LENGTHS, "--vary", "drive.length/drive.friction=1,2"], "no other --vary may change how they follow"),
     (["--vary", "drive.strategy=0:6:3"], "'B' is not a number"),
     (["--vary", "drive.length"], "write KEY=FROM:TO:N"),
     (["--vary", "drive.length=0:6"], "write KEY=FROM:TO:N"),
