@@ -234,50 +234,54 @@ def _draw_projections(
     """Draw the projections of all domains, the first with its sides marked."""
     merged = [domain.merged(*pair) for domain in domains]
     bounds = [0, pair[0] + 1, pair[1] + 1, domains[0].contacts]
-    groups = [f"contact {a}" if b - a == 1 else f"contacts {a}-{b - 1}" for a, b in itertools.pairwise(bounds)]
+    groups = [f"contact {a}" if b - a == 1 else f"contacts {a} to {b - 1}" for a, b in itertools.pairwise(bounds)]
     if scene.body.segments:
         at = scene.body.position
         groups = [
-            f"{at[a]:.3g} m" if b - a == 1 else f"{at[a]:.3g}-{at[b - 1]:.3g} m" for a, b in itertools.pairwise(bounds)
+            f"{at[a]:.3g} m" if b - a == 1 else f"{at[a]:.3g} to {at[b - 1]:.3g} m"
+            for a, b in itertools.pairwise(bounds)
         ]
     for domain in merged[1:]:
         axis.fill(*domain.vertices().T, facecolor="none", edgecolor=GREY, linewidth=0.9, zorder=1)
     draw_polygon(axis, merged[0], groups)
     draw_path(axis, path[:, pair])
-    limits = _limits([domain.vertices() for domain in merged])
+    limits = _limits([*(domain.vertices() for domain in merged), path[:, pair]])
     axis.set(xlim=limits[0], ylim=limits[1], xlabel=label_of(scene, pair[0]), ylabel=label_of(scene, pair[1]))
 
 
 def _draw_ranges(axis: Axes, scene: Plan, path: np.ndarray) -> None:
     """Draw the range of each section, and the part of it that the run uses."""
     least, most = (np.array(side) for side in zip(*(d.ranges() for d in domain_evolution(scene.drive)[1]), strict=True))
-    _draw_bars(axis, least.min(axis=0), most.max(axis=0), 0.8, "possible in stasis", color=FACE)
-    edge = {"edgecolor": "#c83c3c", "linewidth": 1.5}
-    label = "" if is_constant(scene) else "possible in stasis at every waypoint"
-    _draw_bars(axis, least.max(axis=0), most.min(axis=0), 0.8, label, facecolor="none", **edge)
-    _draw_bars(axis, path.min(axis=0), path.max(axis=0), 0.35, "used in the last period", color=TENSION)
     sections = np.arange(path.shape[1])
+    at, length = sections, np.ones(sections.size)
+    if scene.body.segments:
+        ends = scene.body.position
+        at, length = 0.5 * (ends[:-1] + ends[1:]), np.diff(ends)
+    label = "possible in stasis" if is_constant(scene) else "possible in stasis at a waypoint"
+    _draw_bars(axis, at, least.min(axis=0), most.max(axis=0), 0.8 * length, label, color=FACE)
+    _draw_bars(axis, at, path.min(axis=0), path.max(axis=0), 0.35 * length, "used in the last period", color=TENSION)
+    edge = {"edgecolor": "#000000", "linewidth": 1.5}
+    label = "" if is_constant(scene) else "possible in stasis at every waypoint"
+    _draw_bars(axis, at, least.max(axis=0), most.min(axis=0), 0.8 * length, label, facecolor="none", **edge)
     axis.use_sticky_edges = False
     axis.margins(x=0.02, y=0.06)
     axis.axhline(0.0, color=GREY, linewidth=0.8)
     axis.set_xlabel("link" if symbol(scene) == "T" else "section")
     if scene.body.segments:
         axis.set_xlabel("place along the body [m]")
+    else:
+        axis.set_xticks(sections if sections.size <= 20 else [0, sections.size - 1])
     axis.set_ylabel(f"{quantity(scene)} [N]\n(> 0: stretched)")
-    axis.set_xticks(sections if sections.size <= 20 else [0, sections.size - 1])
-    if scene.body.segments:
-        ticks = np.unique(np.linspace(0, sections.size - 1, 9).round().astype(int))
-        places = 0.5 * (scene.body.position[:-1] + scene.body.position[1:])
-        axis.set_xticks(ticks, [f"{places[i]:.3g}" for i in ticks])
     axis.legend(
         loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1 if page().narrow else 3, fontsize=8, frameon=False
     )
 
 
-def _draw_bars(axis: Axes, low: np.ndarray, high: np.ndarray, width: float, label: str, **style: Any) -> None:
-    """Draw a bar for each section, or a band when there are many."""
-    sections = np.arange(low.size)
+def _draw_bars(
+    axis: Axes, at: np.ndarray, low: np.ndarray, high: np.ndarray, width: np.ndarray, label: str, **style: Any
+) -> None:
+    """Draw a bar for each section at its place, or a band when there are many."""
     if low.size <= MOST_BARS:
-        axis.bar(sections, high - low, width, low, label=label or None, **style)
+        axis.bar(at, high - low, width, low, label=label or None, **style)
     else:
-        axis.fill_between(sections, low, high, label=label or None, **style)
+        axis.fill_between(at, low, high, label=label or None, **style)

@@ -116,6 +116,19 @@ def own_style(settings: dict[Any, Any] | None = None) -> Iterator[None]:
         yield
 
 
+def rim_of(k: int, count: int) -> float:
+    """Compute by how much wider one of several lines is drawn than the last, so that each is seen where they are equal.
+
+    Args:
+        k: number of the line, from 0.
+        count: number of lines.
+
+    Returns:
+        The additional width [pt].
+    """
+    return 1.5 * min(count - 1 - k, 3)
+
+
 def open_figure(width: float, height: float, stacked: bool = False) -> Figure:
     """Open a figure as wide as the page.
 

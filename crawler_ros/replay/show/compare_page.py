@@ -12,7 +12,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import open_figure, own_style, page, write_figure
+from crawler_pictures.style import open_figure, own_style, page, rim_of, write_figure
 
 from ..analysis import Replay
 from .compare import RunComparison
@@ -89,13 +89,14 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
 
 def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str], colors: Sequence[str]) -> None:
     """Draw the net translation of the first run of each recording between resets, from its start; y is thin."""
-    for run, label, color in zip(runs, labels, colors, strict=True):
+    for k, (run, label, color) in enumerate(zip(runs, labels, colors, strict=True)):
+        rim = rim_of(k, len(runs)) if len(runs) <= len(LINES) else 0.0
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
         time, (x, *across) = run.table.end_ns[rows] / NS, run.table.net_translation[rows].T
-        axis.plot(time, x - x[0], color=color, linewidth=1.6, label=label)
+        axis.plot(time, x - x[0], color=color, linewidth=1.6 + rim, label=label)
         for y in across:
-            axis.plot(time, y - y[0], color=color, linewidth=0.8)
+            axis.plot(time, y - y[0], color=color, linewidth=0.8 + rim)
     label_values(axis, "net translation", "m", max(run.table.size for run in runs))
 
 

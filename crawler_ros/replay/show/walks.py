@@ -16,7 +16,7 @@ from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
 from crawler_pictures.run.kymograph import write_title
-from crawler_pictures.style import open_figure, own_style, page, write_figure
+from crawler_pictures.style import open_figure, own_style, page, rim_of, write_figure
 
 from ..analysis import Replay
 
@@ -236,11 +236,11 @@ def draw_walks(walks: Sequence[Walk], png: Path) -> None:
     for k, walk in enumerate(walks):
         color = LINES[k % len(LINES)]
         style: Literal["-", "--"] = "-" if k < len(LINES) else "--"
-        some = slice(None, None, max(walk.phase.size // _MOST_POINTS, 1))
+        rim, some = rim_of(k, len(walks)), slice(None, None, max(walk.phase.size // _MOST_POINTS, 1))
         number = np.arange(walk.starts.size) + 1
         for y, gained, width, marker in zip(walk.y.T, walk.gains.T, (1.6, 0.8), "oD", strict=False):
-            left.plot(walk.phase[some], y[some], color=color, linestyle=style, linewidth=width)
-            right.plot(number, gained, color=color, linestyle=style, linewidth=width, marker=marker, markersize=3)
+            left.plot(walk.phase[some], y[some], color=color, linestyle=style, linewidth=width + rim)
+            right.plot(number, gained, color=color, linestyle=style, linewidth=width + rim, marker=marker, ms=3 + rim)
         handles.append(Line2D([], [], color=color, linestyle=style, linewidth=1.6, label=walk.name))
     thin = "; thick: x, thin: y" if any(walk.gains.shape[1] == 2 for walk in walks) else ""
     thin_gain = "; thick: ahead, thin: to the left" if any(walk.turned is not None for walk in walks) else thin

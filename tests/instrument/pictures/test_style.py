@@ -25,7 +25,7 @@ from crawler_pictures.film.film import film_of_run
 from crawler_pictures.film.stage import Stage
 from crawler_pictures.run.run_page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
-from crawler_pictures.style import own_style
+from crawler_pictures.style import own_style, rim_of
 
 ROOT = Path(__file__).parents[3]
 SETTINGS = (
@@ -167,3 +167,10 @@ def called(node: ast.FunctionDef) -> set[str]:
     """The names of what a function calls, its decorators included."""
     calls = [n.func for n in ast.walk(node) if isinstance(n, ast.Call)]
     return {getattr(call, "attr", getattr(call, "id", "")) for call in calls}
+
+
+def test_of_lines_that_are_equal_each_is_seen():
+    for count in (2, 4):
+        widths = [rim_of(k, count) for k in range(count)]
+        assert widths == sorted(set(widths), reverse=True)
+        assert widths[-1] == 0.0
