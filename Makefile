@@ -68,11 +68,13 @@ docs: $(READY)
 	@echo "open site/index.html"
 
 figures: $(READY)
+	$(BIN)/python docs/bodies.py
 	$(BIN)/python docs/hard_cases.py
 	$(BIN)/python docs/laboratory.py
 	$(BIN)/python docs/loads.py
 	$(BIN)/python docs/motors.py
 	$(BIN)/python docs/phase_diagram.py
+	$(BIN)/python docs/play.py
 	$(BIN)/python docs/rerun.py
 	$(BIN)/crawler animate three_contacts_two_ways --out docs/pictures/crawl.gif --fps 12 --duration 4 --force
 	$(BIN)/python docs/tutorial.py

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import inspect
 import json
 import re
@@ -100,6 +101,32 @@ would be right; 2 a wrong command line; 130 an interrupt. Long work shows its pr
 
 An existing file is replaced only with `--force`. `--rate` is a frequency, `--duration` simulated time and `--seconds`
 time on the clock, in every verb.
+
+"""
+_HARD_CASES = """# Hard cases
+
+Other simulators of dry friction fail in these cases. Each is run on every body and with every method to which it
+applies; the result must be exact within rounding, or the difficulty must be reported.
+`tests/instrument/model/test_hard_cases.py` enforces this. [hard-cases.csv](hard-cases.csv) has the {cases} rows that
+`python docs/hard_cases.py` measured, with the bodies, methods and times; here cases that differ in numbers are one
+row.
+
+* `unique: False` means that friction leaves the translation undetermined and that this is reported; compared are
+  then the shape and the rule for the translation. "By the certificate" marks an error that is divided by what the
+  certificate admits.
+* Errors are in m on bodies of about 1 m and 1 N, or relative where marked. "In tolerances" and "in accuracies" mark
+  an error divided by the tolerance of a scene in the plane or the accuracy of a segment, which must be at most 1.
+* A chain has springs between neighbours, and is compared with rational arithmetic; a graph has each spring twice,
+  with half the stiffness, and is compared with the chain, because over twelve decades it sums displacements whose
+  rounding affects its stiffest spring. The plane is the same body on a line.
+
+"""
+_GALLERY = """# Gallery
+
+The bodies that come with the program. `crawler simulate NAME` runs one, `crawler play NAME` lets you drive it,
+`crawler animate NAME --out film.gif` makes a film; each is a file in `msgs_config/scenes` to start from
+([Scenes](scenes.md)). Green contacts slide forward, red ones back, grey ones hold. [Stasis domains](domains.md) shows
+the forces of some of them.
 
 """
 _PYTHON = """# Python
@@ -325,6 +352,46 @@ def python() -> str:
     return text
 
 
+def gallery() -> str:
+    """Write the wall of the bodies in the gallery, whose pictures docs/bodies.py draws."""
+    walls: dict[str, list[str]] = {"Feet and springs": [], "Segments": [], "Ground": [], "Plane": [], "Turning": []}
+    for name, note in crawler_model.gallery().items():
+        text = (ROOT / "msgs_config" / "scenes" / f"{name}.yaml").read_text(encoding="utf-8")
+        walls[_kind(yaml.safe_load(text))].append(f"![{name}](pictures/bodies/{name}.png)<br>`{name}`: {note}")
+    page = _GALLERY
+    for title, cells in walls.items():
+        rows = [[*cells[k : k + 3], "", ""][:3] for k in range(0, len(cells), 3)]
+        page += f"## {title}\n\n{table(' ', '  ', '   ', rows=rows)}"
+    return page
+
+
+def hard_cases() -> str:
+    """Write the page of the hard cases from their table, a row for all cases that differ in numbers only."""
+    with (ROOT / "docs" / "hard-cases.csv").open(encoding="utf-8", newline="") as file:
+        found = list(csv.DictReader(file))
+    groups: dict[str, list[dict[str, str]]] = {}
+    for row in found:
+        groups.setdefault(re.sub(r"[-+]?\d[\d.e+-]*", "...", row["case"]), []).append(row)
+
+    def listed(rows: list[dict[str, str]], key: str) -> str:
+        return "; ".join(dict.fromkeys(row[key] for row in rows))
+
+    cells = []
+    for name, rows in groups.items():
+        worst = max((row["worst error"] for row in rows), key=float)
+        cells.append((name, str(len(rows)), listed(rows, "verdict"), worst, listed(rows, "against")))
+    head = _HARD_CASES.format(cases=len(found))
+    return head + table("case", "variants", "verdict", "worst error", "against", rows=cells)
+
+
+def _kind(scene: dict[str, Any]) -> str:
+    if scene.get("dimension") == 2:
+        return "Turning" if scene["body"].get("springs") == "length" else "Plane"
+    if "ground" in scene or "with_elongation" in scene.get("friction", {}):
+        return "Ground"
+    return "Segments" if "segments" in scene["body"] else "Feet and springs"
+
+
 def performance() -> str:
     """Write the table of mistakes into the page of the performance.
 
@@ -343,6 +410,8 @@ def performance() -> str:
 
 FILES: dict[Path, Callable[[], str]] = {
     ROOT / "msgs_config" / "scene.schema.json": schema,
+    ROOT / "docs" / "gallery.md": gallery,
+    ROOT / "docs" / "hard-cases.md": hard_cases,
     ROOT / "docs" / "performance.md": performance,
     **{REFERENCE / f"{page.__name__}.md": page for page in (scenes, topics, parameters, command, python)},
 }
@@ -358,7 +427,9 @@ def generated() -> Iterator[tuple[Path, str]]:
     for file, write in FILES.items():
         yield file, write().rstrip("\n") + "\n"
     for page in sorted((ROOT / "crawler_lab" / "play" / "lessons").iterdir()):
-        yield ROOT / "docs" / "lessons" / page.name, page.read_text(encoding="utf-8")
+        picture = f"![The page as this lesson opens it](../pictures/play/{page.stem}.png)"
+        text = page.read_text(encoding="utf-8").replace("```\n\n1. ", f"```\n\n{picture}\n\n1. ", 1)
+        yield ROOT / "docs" / "lessons" / page.name, text
 
 
 if __name__ == "__main__":

@@ -72,6 +72,23 @@ def test_the_python_page_has_the_docstrings(site):
     assert re.search(r'href="#crawler_model\.scene\.scene\.Scene"', text)
 
 
+def test_equations_are_typeset_without_a_program_from_elsewhere(site):
+    for page, formula in (
+        ("model", "<i>μ</i><sub>+,i</sub> <i>v</i><sub>i</sub><sup>+</sup>"),
+        ("errata", "−<i>μ</i><sub>−</sub> ≤"),
+    ):
+        text = (site / f"{page}.html").read_text(encoding="utf-8")
+        assert formula in text
+        assert "language-equations" not in text
+
+
+def test_history_is_not_found_by_a_search(site):
+    index = (site / "search" / "search_index.json").read_text(encoding="utf-8")
+    found = {place.split("#")[0] for place in re.findall(r'"location":\s*"([^"]+)"', index)}
+    assert {"troubleshooting.html", "simulators.html", "scenes.html"} <= found
+    assert not found & {"CHANGELOG.html", "design.html"}
+
+
 def test_search_works_without_a_server(site):
     with browsing() as browser:
         page = browser.new_page()

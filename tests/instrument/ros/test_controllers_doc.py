@@ -1,4 +1,4 @@
-"""docs/controllers.md: what it promises outside its blocks, which tests/system/test_docs.py runs."""
+"""docs/controllers.md and node.md: what they promise outside their blocks, which tests/system/test_docs.py runs."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ...processes import PATIENCE_S
 from .graph import environment
 
 TEXT = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
+NODE = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
 
 
 def test_the_first_controller_is_short():
@@ -25,8 +26,8 @@ def test_the_first_controller_is_short():
     )
 
 
-def test_the_topics_that_it_names_are_there():
-    for name in re.findall(r"^\| `([a-z_/]+)`[^|]*\| (?!std_srvs)", TEXT, re.M):
+def test_the_topics_that_they_name_are_there():
+    for name in re.findall(r"^\| `([a-z_/]+)`[^|]*\| (?!std_srvs)", TEXT + NODE, re.M):
         known = {**read_topics(), **read_services()}
         assert name in known, name
 
