@@ -79,6 +79,7 @@ class RunArrays:
         force: of springs and loads on each contact in the plane, shape (T, N, 2) [N]; None when it is not known,
             and for a body that turns, whose friction has no fixed directions to draw.
         share: weight of each contact in the net translation, shape (N,); None when it is not known.
+        marks: of the links, as in `crawler_pictures.marks`, shape (T, J); shape (T, 0) if none can be marked.
     """
 
     title: str
@@ -103,6 +104,7 @@ class RunArrays:
     scene: Plan | None = None
     force: np.ndarray | None = None
     share: np.ndarray | None = None
+    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), np.int8))
 
     @property
     def planar(self) -> bool:

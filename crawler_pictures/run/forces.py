@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..colors import ACTUATION, BAND, BOUND, LINES, TENSION
+from .. import marks as marked
+from ..colors import ACTUATION, BAND, BOUND, GREY, LINES, STALLED, TENSION, YIELDING
 from ..numbers import choose_prefix, label_values
 from .arrays import Commands
 from .kymograph import HEIGHT, MOST_NAMED, WIDTH, place_legend, write_title
@@ -22,10 +23,24 @@ if TYPE_CHECKING:
 MOST_BANDS = 3
 """Links whose tension has a panel with its bounds."""
 _CLOSED = "#cfcabb"
+_MARKED = {
+    marked.SLACK: (GREY, "slack"),
+    marked.STALLED: (STALLED, "stalled"),
+    marked.YIELDING: (YIELDING, "hysteresis yields"),
+}
+"""How the times of marked links are drawn: colour and text."""
 _SIGNED, _UNSIGNED = (TENSION, "#ffffff", ACTUATION), ("#ffffff", "#a9bce6", TENSION, "#14224d")
 
 
-def draw_tension(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLike, most: ArrayLike, name: str) -> None:
+def draw_tension(
+    axis: Axes,
+    time: ArrayLike,
+    tension: ArrayLike,
+    least: ArrayLike,
+    most: ArrayLike,
+    name: str,
+    marks: np.ndarray | None = None,
+) -> None:
     """Draw the tension of one link within its bounds.
 
     Args:
@@ -35,6 +50,7 @@ def draw_tension(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLi
         least: least tension in the stasis domain, shape (T,) [N]; NaN where it is not known.
         most: the greatest, shape (T,) [N].
         name: label of the axis, as "tension 0".
+        marks: of the link, as in `crawler_pictures.marks`, shape (T,); None without any.
     """
     value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
     if value.ndim == 2:
@@ -43,23 +59,28 @@ def draw_tension(axis: Axes, time: ArrayLike, tension: ArrayLike, least: ArrayLi
         axis.fill_between(np.asarray(time), low, high, color=BAND, linewidth=0.0, zorder=0)
         for bound in (low, high):
             axis.plot(np.asarray(time), bound, color=BOUND, linewidth=0.9, zorder=1)
+    for mark, (color, _) in _MARKED.items() if marks is not None else ():
+        where: Any = {"transform": axis.get_xaxis_transform(), "color": color, "linewidth": 0.0, "zorder": 0.5}
+        axis.fill_between(np.asarray(time), 0.0, 1.0, where=marks == mark, alpha=0.3, **where)
     axis.plot(np.asarray(time), value, color="white", linewidth=3.0, zorder=2)  # the bound does not shine through
     axis.plot(np.asarray(time), value, color=TENSION, linewidth=1.6, zorder=3)
     label_values(axis, name, "N", float(np.nanmax(np.abs(value), initial=0.0)))
 
 
-def explain_tension(axis: Axes, bounded: bool) -> None:
+def explain_tension(axis: Axes, bounded: bool, marks: np.ndarray) -> None:
     """Draw the legend of tensions above axes.
 
     Args:
         axis: the axes.
         bounded: whether the bounds are drawn.
+        marks: of all links, any shape.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [Line2D([], [], color=TENSION, linewidth=1.6, label="tension")]
     handles += [Patch(facecolor=BAND, edgecolor=BOUND, label="between its bounds no contact slips")] * bounded
+    handles += [Patch(color=color, alpha=0.3, label=text) for mark, (color, text) in _MARKED.items() if mark in marks]
     place_legend(axis, handles)
 
 

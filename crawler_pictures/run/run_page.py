@@ -258,10 +258,11 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
         run.least[:, link],
         run.most[:, link],
         f"T {run.links[link].removeprefix('link_')}",
+        run.marks[:, link] if run.marks.size else None,
     )
     if link == 0:
         write_title(axis, f"tension{_explain_bounds(run)}")
-        explain_tension(axis, bool(np.isfinite(run.least).any()))
+        explain_tension(axis, bool(np.isfinite(run.least).any()), run.marks)
 
 
 def _tensions(axis: Axes, run: RunArrays) -> None:

@@ -9,6 +9,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.theory.stasis import stasis_bounds
 
+from ..marks import can_be_marked, mark_springs
 from ..numbers import error_of, write_length
 from .arrays import Gains, RunArrays, planar_forces, sort_commands
 
@@ -39,6 +40,11 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         gains = Gains(gained, np.zeros(gained.size, bool))
     period = drive.period
     places = body.position + run.displacement
+    marks = np.zeros((run.time.size, 0), np.int8)
+    if can_be_marked(body):
+        marks = mark_springs(
+            body, body.elongation(run.displacement), drive.columns.target(rows)[:, : body.springs], run.tension
+        )
     return RunArrays(
         title=scene.name,
         notes=tuple(notes),
@@ -60,6 +66,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         scene=scene,
         force=None if turns else planar_forces(scene, run.tension, rows),
         share=body.share,
+        marks=marks,
     )
 
 

@@ -241,3 +241,11 @@ def test_colours_of_lines_can_be_told_apart():
     for a, b in itertools.combinations(colors, 2):
         red = (a[0] + b[0]) / 512.0
         assert np.sqrt(np.array([2.0 + red, 4.0, 3.0 - red]) @ (a - b) ** 2) > 150.0
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("tendon_worm", "slack"), ("stalling_inchworm", "stalled"), ("two_anchor_a", "")]
+)
+def test_the_times_of_slack_and_stalled_links_are_marked(name, text, monkeypatch):
+    lines = words_on_page(load_scene(name), monkeypatch).splitlines()
+    assert [line for line in lines if line in ("slack", "stalled", "hysteresis yields")] == [text] * bool(text)
