@@ -86,4 +86,5 @@ def run_of_frames(scene: Scene, frames: Sequence[Frame]) -> RunArrays:
         jumps=[jump for frame in frames for jump in frame.jumps],
         scene=None if body.turning is not None else scene,  # its friction has no fixed directions to draw
         share=film.share,
+        marks=film.yields,
     )
