@@ -313,7 +313,10 @@ class Resimulation:
     ) -> None:
         """Measure the states at the ends of ticks, as the node did."""
         for run, ns, joint, pose in zip(runs, ends.tolist(), joints, poses[:, 0], strict=True):
-            for stamp, measured, place in sensors.measure(ns, joint, pose[_POSE]):
+            arrived = sensors.measure(ns, joint, pose[_POSE])
+            if ns == 0 and not arrived:  # in lock-step, the measurement of the start is sent before it arrives
+                arrived = [sensors.latest]
+            for stamp, measured, place in arrived:
                 whole = np.zeros((1, pose.size))
                 whole[0, _POSE] = place
                 for name, numbers in zip(MEASURED, (measured, whole), strict=True):

@@ -82,8 +82,9 @@ def _match(states: Stamps, begins_at: np.ndarray, repeated: bool) -> Runs:
         begins[1:] &= states.stamp_ns[:-1] > 0
     first = np.unique(np.append(0, np.flatnonzero(begins)))
     last = np.append(first[1:], states.stamp_ns.size) - 1
-    # the last state of a run precedes the next run's first tick; a run of one state precedes its own
+    # the last state of a run precedes the next run's first tick; where there is only the state of the start, it, or the
+    # first time that it is repeated, precedes the run's own first tick
     ticked = states.stamp_ns[last] > 0
     before = np.searchsorted(begins_at, states.log_ns[last], side="right") - 1
-    following = np.searchsorted(begins_at, states.log_ns[last], side="left")
+    following = np.searchsorted(begins_at, states.log_ns[first], side="left")
     return Runs(first, np.where(ticked, before, following))

@@ -90,6 +90,19 @@ def test_in_lock_step_each_tick_is_answered_by_the_last_measurement(ros):
     assert [round(100.0 * seconds(m)) for m in ticks] == [0] * 7 + [5] * 5 + [10] * 5 + [15] * 3
 
 
+def test_a_record_that_ends_before_the_first_measurement_arrives_is_simulated_again(ros, tmp_path):
+    bags = tmp_path / "bags"
+    parameters = "lock_step:=true", "sensors.delay:=1.0", f"record:={bags}"
+    process = ros.simulator(f"scene:={SCENE}", *parameters, hear=("joint_states",))
+    walk(ros, 3)
+    ros.taken_up()
+    process.end()
+    (folder,) = bags.iterdir()
+    compared = analyse(folder).comparison
+    assert compared.identical
+    assert compared.resets == 0
+
+
 def test_a_negative_parameter_is_refused(ros):
     process = ros.start("crawler_ros.node.simulator", f"scene:={SCENE}", "sensors.delay:=-0.5")
     assert process.wait() == 1
