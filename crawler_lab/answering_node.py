@@ -10,13 +10,15 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.experimental.events_executor import EventsExecutor
 
 from crawler_model import CrawlerError
+from crawler_model.body.drive import NS
 from crawler_ros.node.intake.peers import SecondSimulator
 from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.stop import StopFlag, end_on_signals
 from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
-_REPORT_EVERY_S = 5.0
+_REPORT_EVERY_S, _LOOK_EVERY_S, _GONE_S = 5.0, 0.5, 3.0
+"""How often the node reports, and looks for the simulator; how long this may be away, as between two starts."""
 
 
 class AnsweringNode(QuietNode):
@@ -44,7 +46,8 @@ class AnsweringNode(QuietNode):
         topics = read_topics()
         topic = topics["joint_trajectory"]
         self._publisher = self.create_publisher(message_class(topic.type), topic.name, qos_profile(topic))
-        self._second = SecondSimulator(self, topics["joint_states"].name)
+        self._states = topics["joint_states"].name
+        self._second = SecondSimulator(self, self._states)
         self.create_timer(0.05, self.send)
 
     def send(self, *commands: bytes) -> None:
@@ -86,12 +89,18 @@ class AnsweringNode(QuietNode):
         end_on_signals(self.done)
         executor = EventsExecutor()
         executor.add_node(self)
-        reported = time.monotonic()
+        reported = looked = met = time.monotonic()
         while not self.done.is_set():
             executor.spin_once(timeout_sec=0.1)
             self.throttle.flush()
-            if time.monotonic() - reported > _REPORT_EVERY_S:
-                reported = time.monotonic()
+            now = time.monotonic()
+            if now - looked > _LOOK_EVERY_S:
+                looked = now
+                met = now if self._last_ns < 0 or self.count_publishers(self._states) else met
+                if now - met > _GONE_S:
+                    self.fail(f"the simulator disappeared at simulated time {self._last_ns / NS:.3f} s")
+            if now - reported > _REPORT_EVERY_S:
+                reported = now
                 if self._last_ns < 0:
                     self._wait()
                 else:

@@ -25,6 +25,8 @@ from rclpy.task import Future
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 NS = 10**9
+GONE = 6
+"""Timer calls without a simulator after which it counts as gone."""
 
 
 def within(least: float, most: float) -> ParameterDescriptor:
@@ -52,7 +54,7 @@ class PeriodController(Node):
         self.before = 0.0  # x at the start of the current period, m
         self.done = Future()
         self.rivals = self.problem = ""
-        self.repeated = 0
+        self.repeated = self.missed = 0
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
@@ -93,6 +95,9 @@ class PeriodController(Node):
             self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
             if self.commands.get_subscription_count():
                 self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
+        self.missed = 0 if self.now < 0 or self.count_publishers("pose") else self.missed + 1
+        if self.missed > GONE:
+            self.problem = f"the simulator disappeared at simulated time {self.now / NS:.3f} s"
         self.look_for_rivals()
         self.play_next()
 

@@ -145,28 +145,42 @@ def test_a_dead_simulator_ends_it(ros, number):
     assert "the simulator disappeared at simulated time" in last_words(playing)
 
 
-@pytest.mark.parametrize(
-    ("module", "parameters"),
-    [
-        ("crawler_ros.node.gait_player", ("scene:=two_anchor_a", "patience:=0.0")),
-        ("crawler_ros.examples.phase_control", ()),
-        ("crawler_ros.examples.speed_control", ()),
-        ("crawler_ros.examples.path_control", ("right:=link_0",)),
-        ("crawler_lab.gym.policy_node", ("scene:=two_anchor_a", "policy:=resting:rest")),
-        ("crawler_lab.plan.plan_node", ("scene:=two_anchor_a",)),
-    ],
-    ids=["player", "phase", "speed", "path", "policy", "plan"],
-)
-def test_a_second_simulator_ends_a_controller(ros, tmp_path, monkeypatch, module, parameters):
-    """Their states would mix: distances jump, and each state seems to be a reset."""
+CONTROLLERS = {
+    "phase": ("crawler_ros.examples.phase_control",),
+    "speed": ("crawler_ros.examples.speed_control",),
+    "path": ("crawler_ros.examples.path_control", "right:=link_0"),
+    "policy": ("crawler_lab.gym.policy_node", "scene:=two_anchor_a", "policy:=resting:rest"),
+    "plan": ("crawler_lab.plan.plan_node", "scene:=two_anchor_a"),
+}
+PLAYER = ("crawler_ros.node.gait_player", "scene:=two_anchor_a", "patience:=0.0")
+
+
+@pytest.fixture
+def resting(tmp_path, monkeypatch):
+    """A policy that can be imported."""
     (tmp_path / "resting.py").write_text("rest = lambda observation: [0.0, 0.0, 0.0]")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]))
+
+
+@pytest.mark.parametrize("name", ["phase", "plan"])
+def test_a_dead_simulator_ends_a_controller(ros, resting, name):
+    simulator = ros.simulator("scene:=two_anchor_a", "rate:=50.0", hear=("pose", "joint_trajectory"))
+    controller = ros.start(*CONTROLLERS[name])
+    wait_until(lambda: ros.heard["joint_trajectory"], what="a command")
+    simulator.end()
+    assert controller.process.wait(200) == 1, controller.said
+    assert f"{name}: the simulator disappeared at simulated time" in controller.said.replace("_control", "")
+
+
+@pytest.mark.parametrize("command", [PLAYER, *CONTROLLERS.values()], ids=["player", *CONTROLLERS])
+def test_a_second_simulator_ends_a_controller(ros, resting, command):
+    """Their states would mix: distances jump, and each state seems to be a reset."""
     for _ in range(2):
         ros.start("crawler_ros.node.simulator", "scene:=two_anchor_a", "rate:=50.0")
-    controller = ros.start(module, *parameters)
+    controller = ros.start(*command)
     assert controller.process.wait(200) == 1, controller.said
     assert "Traceback" not in controller.said
-    name = module.rpartition(".")[2].removesuffix("_node")
+    name = command[0].rpartition(".")[2].removesuffix("_node")
     (line,) = [text for text in controller.said.splitlines() if text.startswith(f"{name}: ")]
     assert "simulators publish" in line
     assert "ROS_DOMAIN_ID" in line
