@@ -19,7 +19,8 @@ def wave(domain: Domain, contacts: int) -> None:
 
 @functools.cache
 def _wave_trajectory(contacts: int) -> Any:
-    samples, periods = 16, (6000 if contacts <= 100 else 120)  # a quick processor ends 3 000 periods in 3 s
+    # of 100 000 rows that a trajectory may have; a quick processor ends 6 000 periods in 2 s
+    samples, periods = (8, 12_000) if contacts <= 100 else (16, 300)
     time_in_period = np.arange(samples * periods)[:, None] / samples
     rows = 0.05 * np.sin(2.0 * np.pi * (time_in_period - np.arange(contacts - 1) / 5.0))
     return build_trajectory(name_each("link", contacts - 1), rows, 1.0 / samples)
