@@ -172,6 +172,8 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
             if found is None and self._wait_for_others(sig):
                 found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                self._turn.close()
             return found
         return None
 
