@@ -1,4 +1,4 @@
-"""Recordings of chains with masses, dampers, viscous friction or friction that is larger at rest, stepped through time.
+"""Recordings of chains with masses, dampers or viscous friction, stepped through time.
 
 The theta method of Moreau and Jean with theta = 1/2: in each step, the velocities v at its end solve
 
@@ -9,7 +9,6 @@ where the friction s is at its bound against v, or within its bounds where v = 0
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -25,8 +24,6 @@ _STEP = 2e-3
 """Step [s]."""
 _DIFFERENCE = 1e-3
 """Step of the differences, relative to values."""
-_SLOW = 2e-3
-"""Speed above which friction is that of sliding [m/s]."""
 _SWEEPS, _SETTLED = 100, 1e-9
 
 
@@ -37,13 +34,11 @@ class Dynamics(NamedTuple):
         mass: of each contact [kg].
         drag: of dampers along each link [N s/m].
         viscosity: of each contact [N s/m].
-        static: by how much more than sliding friction holds a contact at rest [1].
     """
 
     mass: float
     drag: float = 0.0
     viscosity: float = 0.0
-    static: float = 0.0
 
 
 class SteppedReplica(Replica):
@@ -66,7 +61,7 @@ class SteppedReplica(Replica):
             A replica of the same recording.
         """
         other = object.__new__(SteppedReplica)
-        other.__dict__.update(copy.copy(replica).__dict__)
+        other.__dict__.update(replica.__dict__)
         other.dynamics, other.derivatives = dynamics, derivatives
         return other
 
@@ -123,13 +118,13 @@ class SteppedReplica(Replica):
         incidence[np.arange(body.springs), body.ends[:, 0]] -= 1.0
         incidence[np.arange(body.springs), body.ends[:, 1]] += 1.0
         force = (targets[:, : body.springs] * body.stiffness) @ incidence
-        mass, drag, viscosity, static = self.dynamics
+        mass, drag, viscosity = self.dynamics
         spring = incidence.T @ (body.stiffness[:, None] * incidence)
         viscous = drag * incidence.T @ incidence + viscosity * np.eye(body.contacts)
         path, speed, right = np.zeros((steps + 1, body.contacts)), *np.zeros((2, body.contacts))
         path[0] = scene.start_displacement
         bounds = np.ascontiguousarray(targets[:, body.springs : body.springs + 2 * body.contacts])
-        follow_dynamics(path, speed, right, mass, spring, viscous, force, bounds, static)
+        follow_dynamics(path, speed, right, mass, spring, viscous, force, bounds)
         return np.stack([np.interp(at, times, column) for column in path.T], axis=1)
 
 
@@ -147,7 +142,7 @@ def count_operations(replica: Replica) -> float:
 
 
 @entry
-def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds, static):  # type: ignore[no-untyped-def]
+def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds):  # type: ignore[no-untyped-def]
     """Step a body through time.
 
     Args:
@@ -159,7 +154,6 @@ def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds, static
         viscous: damping matrix, shape (N, N) [N s/m].
         force: of the commands on the contacts, shape (K, N) [N].
         bounds: friction forward, then backward, shape (K, 2 N) [N].
-        static: by how much more than sliding friction holds a contact at rest [1].
     """
     n, h = v.size, _STEP
     for k in range(path.shape[0] - 1):
@@ -176,10 +170,7 @@ def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds, static
                 for j in range(n):
                     if j != i:
                         rest -= (0.5 * h * viscous[i, j] + 0.25 * h * h * spring[i, j]) * v[j]
-                # the speed at the start of the step tells which friction holds
-                was = 2.0 * (path[k + 1, i] - path[k, i]) / h
-                more = h * (1.0 + static * np.exp(-abs(was) / _SLOW))
-                ahead, behind = rest - more * bounds[k + 1, i], rest + more * bounds[k + 1, n + i]
+                ahead, behind = rest - h * bounds[k + 1, i], rest + h * bounds[k + 1, n + i]
                 new = (max(ahead, 0.0) + min(behind, 0.0)) / (
                     mass + 0.5 * h * viscous[i, i] + 0.25 * h * h * spring[i, i]
                 )
