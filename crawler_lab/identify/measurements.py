@@ -133,6 +133,20 @@ def observation(body: Body, channels: Sequence[str]) -> tuple[np.ndarray, np.nda
     return matrix, added
 
 
+def interpolate_rows(at: np.ndarray, time: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Interpolate each column of rows.
+
+    Args:
+        at: where to, shape (L,).
+        time: of the rows, increasing, shape (K,).
+        rows: shape (K, C).
+
+    Returns:
+        Shape (L, C).
+    """
+    return np.stack([np.interp(at, time, column) for column in rows.T], axis=1)
+
+
 def are_reversed(body: Body, measured: Measurements) -> bool:
     """Determine whether the contacts of a body on a line are measured in the reverse order of its reference shape.
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..measurements import interpolate_rows
 from ..sensor.noise import find_noise_at_rest, find_noise_of_cycles, find_spikes, guess_noise
 from .problem import Problem, Residuals
 
@@ -152,7 +153,7 @@ def find_period(time: np.ndarray, commands: np.ndarray) -> float | None:
     if time.size < 8 or commands.shape[1] == 0 or not np.ptp(commands, axis=0).any():
         return None
     even = np.linspace(time[0], time[-1], min(4 * time.size, 4096))
-    columns = np.stack([np.interp(even, time, column) for column in commands.T], axis=1)
+    columns = interpolate_rows(even, time, commands)
     columns = columns - columns.mean(axis=0)
     spectrum = np.fft.rfft(columns, 2 * even.size, axis=0)
     power = np.fft.irfft(np.abs(spectrum) ** 2, axis=0).sum(axis=1)[: even.size]

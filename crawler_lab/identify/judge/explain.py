@@ -18,6 +18,7 @@ from ..fit.fit import Fit
 from ..fit.misfit import Misfit
 from ..fit.problem import Problem
 from ..fit.space import Space
+from ..measurements import interpolate_rows
 from ..replica.changes import Change
 from ..replica.replica import Replica
 from .suspects import try_suspects
@@ -226,7 +227,7 @@ def _list_changes(problem: Problem, replica: Replica, start: np.ndarray | None, 
             rows = zero.copy()
             rows[:, j] = replayed * np.where(time >= onset, drive.rows[:, j] - held, 0.0)
             changes.append(Change(f"stroke of {label} from {onset:.3g} s on", rows))
-    along = np.stack([np.interp(time, replica.measured.time, column) for column in x.T], axis=1)
+    along = interpolate_rows(time, replica.measured.time, x)
     middle, half = 0.5 * (along.max(axis=0) + along.min(axis=0)), 0.5 * np.maximum(np.ptp(along, axis=0), 1e-12)
     for c in range(columns.lengths, columns.lengths + columns.frictions):
         label = columns.names[c].replace("/", " ")

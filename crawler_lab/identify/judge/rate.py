@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ..fit.misfit import Misfit, find_period
 from ..fit.problem import Problem, Residuals
-from ..measurements import Measurements
+from ..measurements import Measurements, interpolate_rows
 
 _APART = 2.0
 """Ratio of the durations of a cycle from which on there are two speeds."""
@@ -138,16 +138,16 @@ def judge_rate(problem: Problem, residuals: Residuals, misfits: Sequence[Misfit]
     if not fast:
         return None
     channels = [recordings[c.recording].channels for c in (*slow, *fast)]
+    paths = {i: _follow_path(recordings[i]) for i in {c.recording for c in (*slow, *fast)}}
     names = [name for name in channels[0] if all(name in one for one in channels)]
     rows = min(float(np.median(np.diff(recordings[c.recording].time))) for c in fast)
     bins = int(np.clip(min(c.duration for c in fast) / rows / 2.0, *_BINS))
     changes = []
     for name in names:
         known = [one for one in misfits if one.channel == name]
-        tables = [_tabulate(recordings, residuals, group, name, bins) for group in (slow, fast)]
-        pixel = max(
-            problem.pixels[i][recordings[i].channels.index(name)] for i in {c.recording for c in (*slow, *fast)}
-        )
+        errors = {i: residuals.all[i][:, recordings[i].channels.index(name)] for i in paths}
+        tables = [_tabulate(paths, errors, group, bins) for group in (slow, fast)]
+        pixel = max(problem.pixels[i][recordings[i].channels.index(name)] for i in paths)
         if known and all(tables):
             changes.append(_compare(name, known, pixel, *(np.array(table) for table in tables)))
     if not changes:
@@ -168,22 +168,17 @@ def _measure_path(measured: Measurements) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
 
 
-def _sample(path: np.ndarray, commands: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Interpolate the commands at places of the path, shape (C, places)."""
-    return np.array([np.interp(places, path, column) for column in commands.T])
-
-
 def _find_length(path: np.ndarray, commands: np.ndarray) -> float:
     """Find the shortest part of the path after which the commands repeat; all of it if they do not [1]."""
     rough = find_period(path, commands)
     if rough is None:
         return float(path[-1])
-    span = np.ptp(commands, axis=0)[:, None]
+    span = np.ptp(commands, axis=0)
     even = np.linspace(0.0, path[-1], 512)
 
     def differ(length: float) -> float:
         places = even[even <= path[-1] - length]
-        apart = np.abs(_sample(path, commands, places + length) - _sample(path, commands, places))
+        apart = np.abs(interpolate_rows(places + length, path, commands) - interpolate_rows(places, path, commands))
         return float((apart / np.where(span > 0.0, span, 1.0)).max(initial=0.0))
 
     for near in (rough / parts for parts in (4, 3, 2, 1)):
@@ -203,16 +198,16 @@ def _cut(recording: int, measured: Measurements, like: np.ndarray | None) -> lis
     last = np.append(np.diff(path) > 0.0, True)  # commands that are held belong to the cycle before
     path, commands, time = path[last], measured.commands[last], measured.command_time[last]
     length, begin, places = _find_length(path, commands), 0.0, np.linspace(0.0, 1.0, 33)
-    if like is not None and like.shape[0] == commands.shape[1]:
+    if like is not None and like.shape[1] == commands.shape[1]:
         begins = np.concatenate((length * np.arange(64) / 64.0, path))
         begins = begins[(begins < length) & (begins + length <= path[-1] * (1.0 + 1e-9))]
-        apart = [np.abs(_sample(path, commands, one + length * places) - like).max() for one in begins]
+        apart = [np.abs(interpolate_rows(one + length * places, path, commands) - like).max() for one in begins]
         begin = float(begins[int(np.argmin(apart))])
     found = []
     for k in range(int((path[-1] - begin) / length + 0.05)):
         along = begin + length * (k + places)
         duration = float(np.diff(np.interp(along[[0, -1]], path, time))[0])
-        found.append(_Cycle(recording, duration, _sample(path, commands, along), float(along[0]), length))
+        found.append(_Cycle(recording, duration, interpolate_rows(along, path, commands), float(along[0]), length))
     return found[1:] if len(found) >= _FEWEST else found
 
 
@@ -223,7 +218,7 @@ def _find_speeds(cycles: Sequence[_Cycle]) -> tuple[list[_Cycle], list[_Cycle]]:
     if max(all_durations, default=0.0) < most * min(all_durations, default=0.0):
         return best
     for cycle in cycles:
-        spans = _SAME * np.ptp(cycle.commands, axis=1, keepdims=True)
+        spans = _SAME * np.ptp(cycle.commands, axis=0)
         alike = [
             one
             for one in cycles
@@ -237,15 +232,18 @@ def _find_speeds(cycles: Sequence[_Cycle]) -> tuple[list[_Cycle], list[_Cycle]]:
     return best
 
 
+def _follow_path(measured: Measurements) -> np.ndarray:
+    """Find how far the commands have gone at each row of a recording, -1 before and after them, shape (T,) [1]."""
+    return np.interp(measured.time, measured.command_time, _measure_path(measured), left=-1.0, right=-1.0)
+
+
 def _tabulate(
-    recordings: Sequence[Measurements], residuals: Residuals, cycles: Sequence[_Cycle], channel: str, bins: int
+    paths: Mapping[int, np.ndarray], errors: Mapping[int, np.ndarray], cycles: Sequence[_Cycle], bins: int
 ) -> list[np.ndarray]:
     """Average the residuals in equal parts of each cycle without gaps, less their mean, shape (bins,) each [m]."""
     found = []
     for cycle in cycles:
-        measured = recordings[cycle.recording]
-        error = residuals.all[cycle.recording][:, measured.channels.index(channel)]
-        path = np.interp(measured.time, measured.command_time, _measure_path(measured), left=-1.0, right=-1.0)
+        error, path = errors[cycle.recording], paths[cycle.recording]
         place = np.floor((path - cycle.begin) / cycle.length * bins + 1e-6)  # a corner is the begin of its part
         counted = np.isfinite(error) & (path >= 0.0) & (place >= 0) & (place < bins)
         index = place[counted].astype(int)

@@ -10,7 +10,7 @@ from crawler_model.body.body import Body
 
 from ..fit.fit import Fit
 from ..fit.problem import Problem
-from ..measurements import Measurements
+from ..measurements import Measurements, interpolate_rows
 from ..sensor.noise import guess_noise
 
 _MOST_ROWS = 1200
@@ -99,7 +99,7 @@ def see_motion(problem: Problem, fit: Fit, recording: int, kept: np.ndarray) -> 
         time=measured.time[kept],
         values=measured.values[kept],
         command_time=at,
-        commands=_sample(at, own, measured.commands),
+        commands=interpolate_rows(at, own, measured.commands),
     )
     none, columns = np.zeros((0, 0)), np.array([measured.command_names.index(name) for name in links])
     return move(Seen(finer, noise, none, none, none, columns), body, time, place)
@@ -122,7 +122,7 @@ def move(seen: Seen, body: Body, time: np.ndarray, place: np.ndarray) -> Seen:
     even = np.linspace(time[0], time[-1], time.size)
     step = max(float(even[1] - even[0]), 1e-12)
     window = min(max(_FEWEST, 2 * int(0.5 * _WINDOW / step) + 1), time.size - 1 + time.size % 2)
-    smooth = _sample(even, time, place)
+    smooth = interpolate_rows(even, time, place)
     speed = savgol_filter(smooth, window, 2, 1, step, axis=0)
     # a contact that jumps rests before and after it, and moves between two rows
     near = _CLEAR * np.sqrt(2.0) * seen.noise
@@ -136,14 +136,10 @@ def move(seen: Seen, body: Body, time: np.ndarray, place: np.ndarray) -> Seen:
     both[2:-1:2] = moves[1:] & moves[:-1]
     halves = np.linspace(even[0], even[-1], both.shape[0])
     at = seen.measured.command_time
-    shown = _sample(at, time, place)
+    shown = interpolate_rows(at, time, place)
     return dataclasses.replace(
         seen,
         place=shown,
-        rests=1.0 - _sample(at, halves, both),
+        rests=1.0 - interpolate_rows(at, halves, both),
         elongation=body.elongation(shown - body.position),
     )
-
-
-def _sample(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)

@@ -17,6 +17,7 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_model.compiled import entry
 
+from ..measurements import interpolate_rows
 from .changes import Change, apply_gain
 from .replica import Prediction, Replica
 
@@ -125,7 +126,7 @@ class SteppedReplica(Replica):
         path[0] = scene.start_displacement
         bounds = np.ascontiguousarray(targets[:, body.springs : body.springs + 2 * body.contacts])
         follow_dynamics(path, speed, right, mass, spring, viscous, force, bounds)
-        return np.stack([np.interp(at, times, column) for column in path.T], axis=1)
+        return interpolate_rows(at, times, path)
 
 
 def count_operations(replica: Replica) -> float:
