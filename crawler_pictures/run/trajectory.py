@@ -25,9 +25,9 @@ def read_trajectory(run: Trajectory) -> RunArrays:
     """
     scene, body, drive = run.scene, run.scene.body, run.scene.drive
     rows = drive.sample_rows(np.rint(run.time * NS).astype(np.int64))
+    target = drive.columns.target(rows)
     least = most = np.full((run.time.size, body.springs), np.nan)
     if body.is_chain and scene.ground.track is None:
-        target = drive.columns.target(rows)
         s, n = body.springs, body.contacts
         least, most = stasis_bounds(run.tension, target[:, s : s + n], target[:, s + n : s + 2 * n])
     gains = None
@@ -42,9 +42,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
     places = body.position + run.displacement
     marks = np.zeros((run.time.size, 0), np.int8)
     if can_be_marked(body):
-        marks = mark_springs(
-            body, body.elongation(run.displacement), drive.columns.target(rows)[:, : body.springs], run.tension
-        )
+        marks = mark_springs(body, body.elongation(run.displacement), target[:, : body.springs], run.tension)
     return RunArrays(
         title=scene.name,
         notes=tuple(notes),

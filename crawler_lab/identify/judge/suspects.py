@@ -135,16 +135,21 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
             return np.inf
 
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if time.thread_time() > until or any(one.part > _ENOUGH and one.left < _NOISE for one in found):
+        if time.thread_time() > until or any(map(_explains, found)):
             break
         costs = {amount: attempt(trial, amount) for amount in trial.amounts}
         if trial.continuous:
             _refine(costs, functools.partial(attempt, trial))
         best = min(costs, key=lambda amount: costs[amount])
         found.append(rate(base, costs[best], best, trial.what.format(best)))
-    if not any(one.part > _ENOUGH and one.left < _NOISE for one in found):
+    if not any(map(_explains, found)):
         found += try_faults(scene, problem, fit, kept, prepare, until)
     return sorted(found)
+
+
+def _explains(tried: Tried) -> bool:
+    """Determine whether a trial leaves only noise."""
+    return tried.part > _ENOUGH and tried.left < _NOISE
 
 
 def _refine(costs: dict[float, float], attempt: Callable[[float], float]) -> None:
