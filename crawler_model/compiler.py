@@ -7,6 +7,7 @@ import gc
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import TracebackType
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -244,6 +245,23 @@ def _shortcuts() -> Iterator[None]:
             setattr(owner, name, value)
 
 
+_HALF_DONE: list[TracebackType | None] = []
+
+
+@contextmanager
+def keeping_half_done() -> Iterator[None]:
+    """Keep what an interrupt leaves half done: freeing a module that LLVM has just linked into another is a crash.
+
+    llvmlite notes only after the call of LLVM that a module belongs to another object. Frames hold such modules; they
+    are kept until the process exits, when llvmlite frees nothing.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, SystemExit) as interrupt:
+        _HALF_DONE.append(interrupt.__traceback__)
+        raise
+
+
 _IDLE = {
     "WithLifting",
     "InlineClosureLikes",
@@ -264,6 +282,7 @@ last one prepares a listing of types, which nothing reads."""
 class Compiler(CompilerBase):  # type: ignore[misc]
     """The compiler of numba with two more passes, without idle ones, and with functions that borrow their arguments."""
 
+    @keeping_half_done()
     def compile_extra(self, func: Any) -> Any:
         """Compile a function.
 

@@ -18,6 +18,8 @@ from typing import IO, Any
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.runtime.nrt import rtsys
 
+from .compiler import keeping_half_done
+
 _DAY = 86_400.0
 _SOURCES = ("*.py", "body/**/*.py", "crawler/**/*.py", "derivative/**/*.py", "motion/**/*.py")
 """The files of this package that hold kernels, or that files with kernels import; a test keeps the list complete."""
@@ -111,6 +113,7 @@ class _Files(IndexDataCacheFile):  # type: ignore[misc]
 
     def _write(self, path: str, data: Any) -> None:
         content = self._dump(data)  # type: ignore[no-untyped-call]
+        Path(path).parent.mkdir(parents=True, exist_ok=True)  # the folder may be removed at any time
         with self._open_for_write(path) as file:  # type: ignore[no-untyped-call]
             file.write(self._digest(content))
             file.write(content)
@@ -154,6 +157,7 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
             self._impl.locator.get_source_stamp(),
         )  # type: ignore[no-untyped-call]
 
+    @keeping_half_done()
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load a compiled kernel without first importing all that numba can compile: a third of a second less.
 

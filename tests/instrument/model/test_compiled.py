@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -145,3 +146,55 @@ assert all(now is before for now, before in zip(parts(), theirs, strict=True))
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, env=env)
     assert done.returncode == 0, done.stderr
+
+
+INTERRUPTED = """
+import sys
+import llvmlite.binding as llvm
+from crawler_model.compiled import compiled, inner
+
+@inner
+def half(a):
+    return a / 2.0
+
+@compiled
+def quarter(a):
+    return half(half(a))
+
+function = llvm.ffi._lib_fn_wrapper
+call = function.__call__
+
+def interrupted(called, *arguments):
+    result = call(called, *arguments)
+    if called._cfn.__name__ in sys.argv:
+        raise KeyboardInterrupt
+    return result
+
+function.__call__ = interrupted
+try:
+    quarter(1.0)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+"""Ctrl-C arrives as soon as LLVM has taken a module over."""
+
+
+@pytest.mark.parametrize("name", ["LLVMPY_LinkModules", "LLVMPY_AddModule"])
+@pytest.mark.parametrize("is_cached", [False, True])
+def test_ctrl_c_leaves_no_module_to_be_freed_twice(name, is_cached, tmp_path):
+    script = tmp_path / "kernel.py"
+    script.write_text(INTERRUPTED)
+    said = ""
+    for names in [[]] * is_cached + [[name]]:
+        run = [sys.executable, str(script), *names]
+        done = subprocess.run(run, capture_output=True, text=True, env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)})
+        assert done.returncode == 0, done.stderr
+        said += done.stdout
+    assert said == "interrupted\n"
+
+
+def test_a_kernel_is_kept_though_the_folder_of_its_cache_was_removed():
+    assert use_constants(10) == 13 + 23 + 15
+    shutil.rmtree(use_constants._cache.cache_path, ignore_errors=True)
+    use_constants.recompile()
+    assert os.listdir(use_constants._cache.cache_path)
