@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..colors import BACK, FORWARD, GREY, STALLED, WALL, YIELDING
+from ..colors import BACK, FORWARD, GREY, STALLED, YIELDING
 from ..domain_text import FACE, SECTION
-from ..ground import list_sections, list_walls
 from .camera import watch_set, watch_track
 from .film import Film
 from .moving_set import MovingSet
+from .track import DEPTH, Track
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -97,6 +97,20 @@ def coils(start: np.ndarray, end: np.ndarray, width: float, bow: np.ndarray, tee
     return np.concatenate((line, np.full((line.shape[0], 1, 2), np.nan)), axis=1).reshape(-1, 2)
 
 
+def rigid_springs(place: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Find the springs that are drawn as rods: their length never changes by more than a hundredth.
+
+    Args:
+        place: positions in each frame, shape (F, N, 2) [m].
+        joints: the two contacts of each spring, shape (J, 2).
+
+    Returns:
+        Shape (J,).
+    """
+    length = np.linalg.norm(place[:, joints[:, 1]] - place[:, joints[:, 0]], axis=2)
+    return np.asarray(np.ptp(length, axis=0) <= 0.01 * length[0])
+
+
 def ropes(start: np.ndarray, end: np.ndarray, sag: float, bow: np.ndarray) -> np.ndarray:
     """Draw slack links as lines that sag, one after another, separated by NaN.
 
@@ -151,13 +165,16 @@ class LinePanel:
         n = chosen.size
         self._teeth = 4 if self._joints.shape[0] <= MOST_COILS else 0
         top = 1.5 + min(float(self._bow.max(initial=0.0)), 1.5)
-        axes.set(ylim=(-0.75, top), yticks=[], xlim=(self._left[0], self._right[0]))
+        box = axes.get_window_extent()
+        self._track = Track(film.scene, self._left, self._right, top, box.width / box.height)
+        self._top = top + self._track.rise
+        axes.set(yticks=[])
+        self._watch(0)
         axes.set_xlabel("position on the track [m]", labelpad=1 if self.rolling is None else _ROOM_PT)
         if self.rolling is not None:
             axes.set_xticks([])
         axes.spines[["left", "right", "top"]].set_visible(False)
-        axes.spines["bottom"].set_position(("data", -0.75))
-        ground = self._draw_ground(film, top)
+        ground = self._track.draw(axes)
         spacing = (
             float(np.median(np.diff(np.sort(self._place[0])))) / float(self._right[0] - self._left[0]) if n > 1 else 1.0
         )
@@ -184,21 +201,6 @@ class LinePanel:
         left_out += "; for segments the ends are drawn" if len(film.names) < film.scene.body.contacts else ""
         axes.set_title(title + left_out, loc="left", fontsize=10)
 
-    def _draw_ground(self, film: Film, top: float) -> list[Artist]:
-        """Draw the ground, its patches and walls, up to a height of the axes; return all of it."""
-        axes = self._axes
-        drawn: list[Artist] = [axes.axhline(0.0, color=GREY, linewidth=1.2, zorder=1)]
-        style: Any = {"ha": "center", "va": "center", "fontsize": 9, "clip_on": True}
-        ends = float(self._left.min()), float(self._right.max())
-        for wall in list_walls(film.scene, *ends):
-            behind = wall.at + (1.0 if wall.stops == "forward" else -1.0) * 0.012 * (self._right[0] - self._left[0])
-            drawn.append(axes.axvspan(wall.at, behind, 0.0, 1.75 / (top + 0.75), color=WALL, linewidth=0.0))
-        for section in list_sections(film.scene, *ends):
-            for start, end, color in section.bands:
-                drawn.append(axes.axvspan(start, end, 0.0, 0.75 / (top + 0.75), color=color, antialiased=False))
-            drawn.append(axes.text(section.middle, -0.4, section.text, **style))
-        return drawn
-
     def _create_contacts(self, count: int, size: float) -> None:
         """Create the markers of contacts in each state, and the arrows of sliding contacts."""
         from matplotlib.path import Path
@@ -222,33 +224,39 @@ class LinePanel:
         Args:
             k: its number.
         """
-        height, place, state = 0.35, self._place[k], self._state[k]
+        place, state = self._place[k], self._state[k]
         if self.rolling is not None:
-            self._axes.set_xlim(self._left[k], self._right[k])
-        points = np.column_stack((place, np.full(place.size, height)))
+            self._watch(k)
+        ground = self._track.height(place)
+        points = np.column_stack((place, ground + 0.35))
         for value, links in ((0, self._links), (1, self._stalled), (2, self._yielding), (-1, self._slack)):
             which = self._yields[k] == value
             links.set_data(*self._springs(points, which, value < 0).T)
             links.set_visible(bool(which.any()))
         for value, dots in self._dots.items():
-            _put(dots, place[state == value], height)
+            _put(dots, *points[state == value].T)
         for value, arrows in self._arrows.items():
-            _put(arrows, place[state == value], 1.05)
-        for x, text in zip(place, self._names, strict=False):
-            text.set_data([x], [-0.16])
+            _put(arrows, place[state == value], ground[state == value] + 1.05)
+        for x, y, text in zip(place, ground, self._names, strict=False):
+            text.set_data([x], [y - 0.16])
+
+    def _watch(self, k: int) -> None:
+        """Show the part of the track that belongs to a frame."""
+        low = self._track.low[k]
+        self._axes.set(xlim=(self._left[k], self._right[k]), ylim=(low - DEPTH, low + self._top))
 
     def _springs(self, points: np.ndarray, which: np.ndarray, slack: bool) -> np.ndarray:
-        """Draw some springs, whose zigzags are upright whatever the scale of the track, shape (K, 2)."""
+        """Draw some springs in the proportion of the screen, shape (K, 2)."""
         start, end = points[self._joints[which, 0]], points[self._joints[which, 1]]
         if slack:
             return ropes(start, end, 0.25, self._bow[which])
-        unit = np.array([max(float(np.ptp(points[:, 0])), 1e-9), 1.0])  # a scale in which a spring is longer than wide
+        unit = np.array([self._track.unit, 1.0])
         return coils(start / unit, end / unit, 0.17, self._bow[which], self._teeth) * unit
 
 
-def _put(line: Any, place: np.ndarray, height: float) -> None:
-    """Put the markers of a line at places, or hide it where there are none."""
-    line.set_data(place, np.full(place.size, height))
+def _put(line: Any, place: np.ndarray, height: np.ndarray) -> None:
+    """Put the markers of a line at places and heights, or hide it where there are none."""
+    line.set_data(place, height)
     line.set_visible(place.size > 0)
 
 

@@ -11,7 +11,7 @@ from ..friction_marks import WORDS, friction_strokes
 from ..ground import draw_areas
 from .camera import watch_plane
 from .film import Film
-from .panels import MOST_ARROWS, MOST_COILS, Rolling, chosen_contacts, chosen_springs, coils
+from .panels import MOST_ARROWS, MOST_COILS, Rolling, chosen_contacts, chosen_springs, coils, rigid_springs
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -49,6 +49,8 @@ class PlanePanel:
         (self._trails,) = axes.plot([], [], color=GREY, linewidth=1.1, zorder=1.5)
         (self._path,) = axes.plot([], [], color=_DARK, linewidth=1.8, zorder=1.6)
         (self._links,) = axes.plot([], [], color=_DARK, linewidth=1.3, zorder=2)
+        (self._rods,) = axes.plot([], [], color=_DARK, linewidth=3.5, zorder=2)
+        self._rigid = rigid_springs(self._place, self._joints)
         turns = self._body.turning is not None and chosen.size <= MOST_ARROWS
         (self._strokes,) = axes.plot([], [], color=BACK, linewidth=1.8, zorder=2.5)
         size = float(np.clip(500.0 / chosen.size, 3.0, 14.0))
@@ -71,6 +73,7 @@ class PlanePanel:
             self._trails,
             self._path,
             self._links,
+            self._rods,
             self._strokes,
             *self._dots.values(),
             self._middle,
@@ -89,9 +92,9 @@ class PlanePanel:
         place, slides = self._place[k], self._state[k] != 0
         start, end = place[self._joints[:, 0]], place[self._joints[:, 1]]
         width = 0.02 * self._reach
-        self._links.set_data(
-            *coils(start, end, width, np.zeros(start.shape[0]), 5 if start.shape[0] <= MOST_COILS else 0).T
-        )
+        teeth = 5 if start.shape[0] <= MOST_COILS else 0
+        for line, which, count in ((self._links, ~self._rigid, teeth), (self._rods, self._rigid, 0)):
+            line.set_data(*coils(start[which], end[which], width, np.zeros(int(which.sum())), count).T)
         self._dots[0].set_data(*place[~slides].T)
         self._dots[1].set_data(*place[slides].T)
         self._middle.set_data(*self._mean[k : k + 1].T)

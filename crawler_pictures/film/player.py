@@ -20,12 +20,15 @@ from ..run.pixels import divide, join_states
 from .camera import watch_plane, watch_set, watch_track
 from .film import Film
 from .moving_set import moving_set
-from .panels import MOST_ARROWS, MOST_COILS, bows, chosen_contacts, chosen_springs
+from .panels import MOST_ARROWS, MOST_COILS, bows, chosen_contacts, chosen_springs, rigid_springs
+from .track import Track
 
 _TEMPLATE = Path(__file__).with_name("player.html")
 _MARK = '"DATA"'
-_RATIO = 1.2
-"""Width over height of the panels of the moving set and of the plane."""
+_RATIO, _TRACK_RATIO = 1.2, 6.5
+"""Width over height of the panels of the moving set and of the plane, and of the body on its track."""
+_TOP = 1.7
+"""Height of the body above the track."""
 
 
 def write_html(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
@@ -79,6 +82,7 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
     if film.planar:
         low, high = watch_plane(place, _RATIO)
         found["window"] = [*low.tolist(), *high.tolist()]
+        found["rigid"] = rigid_springs(place, joints).tolist()
         areas = list_areas(film.scene, low, high)
         found["areas"] = [asdict(area) | {"corners": area.corners.tolist()} for area in areas]
         if film.scene.body.turning is not None and chosen.size <= MOST_ARROWS:
@@ -86,7 +90,10 @@ def describe_film(film: Film, fps: float) -> dict[str, Any]:
             ends = np.array([friction_strokes(film.scene.body, points, reach) for points in film.place])
             found["strokes"] = {"ends": _pack(ends), "words": WORDS}
     else:
-        found["window"] = [_pack(side) for side in watch_track(place, film.cycle_frames)]
+        sides = watch_track(place, film.cycle_frames)
+        track = Track(film.scene, *sides, _TOP, _TRACK_RATIO)
+        found["window"] = [*map(_pack, sides), _pack(track.low), _pack(track.low + track.rise + _TOP)]
+        found["track"] = [track.at.tolist(), track.heights.tolist()]
         found["bows"] = bows(film.rest[chosen], joints).tolist()
         found["ground"] = _list_ground(film)
         found["walls"] = [[wall.at, wall.stops == "forward"] for wall in list_walls(film.scene, -np.inf, np.inf)]

@@ -21,7 +21,7 @@ from PIL import Image, ImageSequence
 from crawler_command.app import main
 from crawler_command.screen import whole_file
 from crawler_command.view import animate
-from crawler_model import load_scene, simulate
+from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_model.theory.stasis import is_in_stasis
 from crawler_pictures.colors import WALL, rgb
@@ -93,6 +93,39 @@ def test_the_words_and_curves_of_a_frame_are_those_that_were_read(films, name):
     for k in (0, min(round(INSTANTS.get(name, 0.4) * 25), film.time.size - 1)):
         stage.draw(k)
     assert not differences(read_figure(stage._figure), GOLDEN / f"film_{name}.txt")
+
+
+@pytest.mark.parametrize(("slope", "proportion"), [(-2.0, 1.0), (30.0, None)])
+def test_the_body_stands_on_a_slope_in_true_proportion_while_there_is_room(slope, proportion):
+    plain = load_scene("slope_climber").document()
+    plain["ground"] = {"slope": slope}
+    plain["friction"] = {"forward": 2.0, "backward": 8.0}
+    scene = Scene.model_validate(plain)
+    film = film_of_run(scene, simulate(scene, 0.4, 25.0))
+    stage = Stage(film)
+    stage.draw(5)
+    (panel, *_) = stage._panels
+    axes = panel._axes
+    rear, front = (axes.transData.transform(point) for point in panel_points(panel))
+    (across, up), height = front - rear, axes.get_window_extent().height
+    if proportion is not None:
+        assert up / across == pytest.approx(proportion * np.tan(np.radians(slope)))
+    assert 0.0 < np.sign(slope) * up < 0.5 * height
+    assert film.place[5, 0] < film.place[5, 1]
+
+
+def panel_points(panel) -> list[tuple[float, float]]:
+    return sorted(point for dots in panel._dots.values() for point in zip(*dots.get_data(), strict=True))
+
+
+def test_links_that_keep_their_length_are_drawn_as_rods():
+    film = film_of("steering_inchworm", 1.0)
+    stage = Stage(film)
+    stage.draw(10)
+    (panel, *_) = stage._panels
+    rods = np.array(panel._rods.get_data()).T.reshape(2, -1, 2)  # of four links, two are actuators
+    ends = np.stack((rods[:, 0], rods[:, 3]), axis=1)
+    np.testing.assert_allclose(ends, film.place[10][[[0, 1], [2, 3]]])
 
 
 @pytest.mark.parametrize(("fps", "shown"), [(2.0, "t = 0.5 s"), (25.0, "t = 0.04 s"), (400.0, "t = 0.003 s")])
