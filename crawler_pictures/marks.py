@@ -70,6 +70,26 @@ def mark_joints(body: Body, elongation: np.ndarray, actuation: np.ndarray, tensi
     return _mark(body, states, links, (elongation, actuation, tension))
 
 
+def own_tensions(body: Body, elongation: np.ndarray, actuation: np.ndarray) -> np.ndarray:
+    """Compute the tension of the actuator of each link that has a passive spring beside it.
+
+    Args:
+        body: the body.
+        elongation: z of each link, first of all columns, shape (T, J) [m].
+        actuation: L, likewise.
+
+    Returns:
+        Shape (T, J), NaN for other links and for those with backlash [N]; shape (T, 0) if there is no such link.
+    """
+    place = {spring: joint for joint, spring in enumerate(body.link_springs.tolist())}
+    shown = [bend for bend in body.bends if bend.spring in place and bend.backlash == 0.0 and bend.passive.slopes.any()]
+    found = np.full((elongation.shape[0], elongation.shape[1] if shown else 0), np.nan)
+    for bend in shown:
+        j = place[bend.spring]
+        found[:, j] = bend.actuator(elongation[:, j] - actuation[:, j])
+    return found
+
+
 def _shows(bend: Bend) -> bool:
     return bool(bend.sliders) and bend.backlash == 0.0
 

@@ -80,6 +80,7 @@ class RunArrays:
             and for a body that turns, whose friction has no fixed directions to draw.
         share: weight of each contact in the net translation, shape (N,); None when it is not known.
         marks: of the links, as in `crawler_pictures.marks`, shape (T, J); shape (T, 0) if none can be marked.
+        own: tension of each actuator without the passive spring beside it, from `marks.own_tensions`.
     """
 
     title: str
@@ -105,6 +106,7 @@ class RunArrays:
     force: np.ndarray | None = None
     share: np.ndarray | None = None
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), np.int8))
+    own: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def planar(self) -> bool:

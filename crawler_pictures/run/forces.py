@@ -40,6 +40,7 @@ def draw_tension(
     most: ArrayLike,
     name: str,
     marks: np.ndarray | None = None,
+    own: np.ndarray | None = None,
 ) -> None:
     """Draw the tension of one link within its bounds.
 
@@ -51,6 +52,7 @@ def draw_tension(
         most: the greatest, shape (T,) [N].
         name: label of the axis, as "tension 0".
         marks: of the link, as in `crawler_pictures.marks`, shape (T,); None without any.
+        own: of its actuator, shape (T,) [N]; None where it has no passive spring.
     """
     value, low, high = np.asarray(tension), np.asarray(least), np.asarray(most)
     if value.ndim == 2:
@@ -64,21 +66,25 @@ def draw_tension(
         axis.fill_between(np.asarray(time), 0.0, 1.0, where=marks == mark, alpha=0.3, **where)
     axis.plot(np.asarray(time), value, color="white", linewidth=3.0, zorder=2)  # the bound does not shine through
     axis.plot(np.asarray(time), value, color=TENSION, linewidth=1.6, zorder=3)
+    if own is not None:
+        axis.plot(np.asarray(time), own, color=ACTUATION, linewidth=1.2, linestyle="--", zorder=3)
     label_values(axis, name, "N", float(np.nanmax(np.abs(value), initial=0.0)))
 
 
-def explain_tension(axis: Axes, bounded: bool, marks: np.ndarray) -> None:
+def explain_tension(axis: Axes, bounded: bool, marks: np.ndarray, has_own: bool) -> None:
     """Draw the legend of tensions above axes.
 
     Args:
         axis: the axes.
         bounded: whether the bounds are drawn.
         marks: of all links, any shape.
+        has_own: whether tensions of actuators are drawn.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     handles: list[Any] = [Line2D([], [], color=TENSION, linewidth=1.6, label="tension")]
+    handles += [Line2D([], [], color=ACTUATION, linewidth=1.2, linestyle="--", label="of the actuator alone")] * has_own
     handles += [Patch(facecolor=BAND, edgecolor=BOUND, label="between its bounds no contact slips")] * bounded
     handles += [Patch(color=color, alpha=0.3, label=text) for mark, (color, text) in _MARKED.items() if mark in marks]
     place_legend(axis, handles)

@@ -259,10 +259,11 @@ def _tension(axis: Axes, run: RunArrays, link: int) -> None:
         run.most[:, link],
         f"T {run.links[link].removeprefix('link_')}",
         run.marks[:, link] if run.marks.size else None,
+        run.own[:, link] if run.own.size and np.isfinite(run.own[:, link]).any() else None,
     )
     if link == 0:
         write_title(axis, f"tension{_explain_bounds(run)}")
-        explain_tension(axis, bool(np.isfinite(run.least).any()), run.marks)
+        explain_tension(axis, bool(np.isfinite(run.least).any()), run.marks, run.own.size > 0)
 
 
 def _tensions(axis: Axes, run: RunArrays) -> None:

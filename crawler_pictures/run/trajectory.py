@@ -9,7 +9,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.theory.stasis import stasis_bounds
 
-from ..marks import can_be_marked, mark_springs
+from ..marks import can_be_marked, mark_springs, own_tensions
 from ..numbers import error_of, write_length
 from .arrays import Gains, RunArrays, planar_forces, sort_commands
 
@@ -40,9 +40,12 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         gains = Gains(gained, np.zeros(gained.size, bool))
     period = drive.period
     places = body.position + run.displacement
-    marks = np.zeros((run.time.size, 0), np.int8)
-    if can_be_marked(body):
-        marks = mark_springs(body, body.elongation(run.displacement), target[:, : body.springs], run.tension)
+    marks, own = np.zeros((run.time.size, 0), np.int8), np.zeros((run.time.size, 0))
+    if body.bends:
+        z, length = body.elongation(run.displacement), target[:, : body.springs]
+        own = own_tensions(body, z, length)
+        if can_be_marked(body):
+            marks = mark_springs(body, z, length, run.tension)
     return RunArrays(
         title=scene.name,
         notes=tuple(notes),
@@ -65,6 +68,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
         force=None if turns else planar_forces(scene, run.tension, rows),
         share=body.share,
         marks=marks,
+        own=own,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_each, name_joints
+from crawler_pictures.marks import can_be_marked, mark_joints, own_tensions
 from crawler_pictures.run.arrays import Commands, Gains, RunArrays, planar_forces, sort_commands
 from crawler_pictures.run.run_page import draw_run
 
@@ -60,6 +61,13 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     if scene is not None and turns:
         tension, links = tension[:, : scene.body.springs], links[: scene.body.springs]
     place = positions[0] if scene is None else scene.body.position[shown_contacts(scene.body)]
+    marks, own = np.zeros((0, 0), np.int8), np.zeros((0, 0))
+    if scene is not None and scene.body.bends and samples.get("command").shape[1]:
+        body, z = scene.body, samples.get("elongation")
+        length = body.joint_sum(scene.columns.target(samples.get("command"))[:, : body.springs].T).T
+        own = own_tensions(body, z, length)
+        if can_be_marked(body):
+            marks = mark_joints(body, z, length, tension)
     return RunArrays(
         title=f"{'scene not known' if scene is None else scene.name}, {replay.path.name}",
         notes=(*_notes(replay), *_describe_turning(replay)),
@@ -83,6 +91,8 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
         scene=scene,
         force=None if scene is None or turns else planar_forces(scene, tension, samples.get("command")),
         share=None if scene is None else scene.body.share[shown_contacts(scene.body)],
+        marks=marks,
+        own=own,
     )
 
 

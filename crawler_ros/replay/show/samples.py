@@ -16,7 +16,7 @@ from ..ramps import Piece
 from ..slips import sliding
 
 _MOST, _LEAST, _MOST_NUMBERS = 4000, 1000, 4_000_000
-_SAMPLED = ("end_ns", "position", "tension", "least", "most", "net_translation", "stored", "command")
+_SAMPLED = ("end_ns", "position", "elongation", "tension", "least", "most", "net_translation", "stored", "command")
 _SUMMED = ("work", "dissipation", "loads_work", "jump_loss", "internal_dissipation")
 
 
@@ -85,8 +85,8 @@ class Samples:
         """Join the samples of one quantity; the last one ends with the run.
 
         Args:
-            name: end_ns, position, tension, least, most, net_translation, stored, command or state; or work,
-                dissipation, internal_dissipation, loads_work or jump_loss, which are sums since the start.
+            name: end_ns, position, elongation, tension, least, most, net_translation, stored, command or state; or
+                work, dissipation, internal_dissipation, loads_work or jump_loss, which are sums since the start.
 
         Returns:
             Shape (T, ...); the state of a sample joins the states of its ramps, as `pixels.join_states` does.

@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
-from crawler_ros.replay import analyse
+from crawler_pictures.marks import SLACK
+from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.show.compare import compare_all
 from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
-from crawler_ros.replay.show.replay_page import draw_replay
+from crawler_ros.replay.show.replay_page import draw_replay, read_replay
 from crawler_ros.replay.show.samples import Samples
 
 from ...golden_pictures import GOLDEN, TOLERANCE, differences, distance, words_of_figures
@@ -25,16 +27,35 @@ def strategy_b(name: str, length: float) -> Scene:
     return Scene.model_validate(plain)
 
 
-def draw_page(path: Path, png: Path) -> Path:
+def sample(path: Path) -> tuple[Replay, Samples]:
     kept = []
 
     def open_samples(survey, scene):
         kept.append(Samples(survey))
         return kept
 
-    found = analyse(path, sinks=open_samples)
-    draw_replay(found, kept[0], png)
+    return analyse(path, sinks=open_samples), kept[0]
+
+
+def draw_page(path: Path, png: Path) -> Path:
+    draw_replay(*sample(path), png)
     return png
+
+
+def test_a_page_marks_slack_and_draws_the_tendon_apart_from_its_return_spring(tmp_path):
+    found, samples = sample(record(tmp_path / "tendon", "tendon_worm", 2, wait=0.0))
+    run = read_replay(found, samples)
+    slack = run.marks[1:, 0] == SLACK
+    assert found.at_limits is not None
+    assert slack.sum() / 100.0 == pytest.approx(found.at_limits["link_0"]["slack"])
+    assert not run.own[1:, 0][slack].any()
+    assert (run.own[1:, 0][~slack] >= 0.0).all()
+    assert run.own.max() > 1.5
+    passive = 2.0 * (np.diff(run.positions[1:], axis=1)[:, 0] - 1.0)
+    np.testing.assert_allclose(run.tension[1:, 0] - run.own[1:, 0], passive, atol=1e-12)
+    with words_of_figures() as words:
+        draw_replay(found, samples, tmp_path / "page.png")
+    assert {"slack", "of the actuator alone"} <= set(words[0].splitlines())
 
 
 @pytest.fixture(scope="module")
