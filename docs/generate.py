@@ -8,6 +8,7 @@ import inspect
 import json
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from pathlib import Path
@@ -106,19 +107,15 @@ time on the clock, in every verb.
 _HARD_CASES = """# Hard cases
 
 Other simulators of dry friction fail in these cases. Each is run on every body and with every method to which it
-applies; the result must be exact within rounding, or the difficulty must be reported.
-`tests/instrument/model/test_hard_cases.py` enforces this. [hard-cases.csv](hard-cases.csv) has the {cases} rows that
-`python docs/hard_cases.py` measured, with the bodies, methods and times; here cases that differ in numbers are one
-row.
+applies; the result must be exact within rounding, or the difficulty must be reported
+(`tests/instrument/model/test_hard_cases.py`). [hard-cases.csv](hard-cases.csv) has the {cases} rows that
+`python docs/hard_cases.py` measured, with bodies, methods, times and what each is compared with; cases that differ in
+numbers are one row here.
 
-* `unique: False` means that friction leaves the translation undetermined and that this is reported; compared are
-  then the shape and the rule for the translation. "By the certificate" marks an error that is divided by what the
-  certificate admits.
-* Errors are in m on bodies of about 1 m and 1 N, or relative where marked. "In tolerances" and "in accuracies" mark
-  an error divided by the tolerance of a scene in the plane or the accuracy of a segment, which must be at most 1.
-* A chain has springs between neighbours, and is compared with rational arithmetic; a graph has each spring twice,
-  with half the stiffness, and is compared with the chain, because over twelve decades it sums displacements whose
-  rounding affects its stiffest spring. The plane is the same body on a line.
+* `unique: False`: friction leaves the translation undetermined; compared are the shape and the rule for it.
+* Errors are in m on bodies of about 1 m and 1 N, or relative; within a tolerance or accuracy they are divided by it,
+  and where the certificate shows them by what it admits.
+* Chains are compared with rational arithmetic, graphs with the chain, the plane with the body on a line.
 
 """
 _GALLERY = """# Gallery
@@ -183,9 +180,10 @@ def scenes() -> str:
     named = {"TablePart": "Tables along a segment", "LinkPart": "Entries of body.links"}
     headings = {name: named.get(name, ", ".join(at)) for name, at in places.items()}
     anchors = {name: re.sub(r"[^\w-]", "", text.lower().replace(" ", "-")) for name, text in headings.items()}
-    text = _SCENES + "## The file\n\n" + _keys(root, anchors)
+    seen: dict[tuple[str, ...], str] = {}
+    text = _SCENES + "## The file\n\n" + _keys(root, anchors, "The file", seen)
     for name, heading in headings.items():
-        text += f"## {heading}\n\n{parts[name]['description']}\n\n{_keys(parts[name], anchors)}"
+        text += f"## {heading}\n\n{parts[name]['description']}\n\n{_keys(parts[name], anchors, heading, seen)}"
     return text
 
 
@@ -199,12 +197,17 @@ def _find_parts(part: Any, path: str, parts: dict[str, Any], places: dict[str, l
                 _find_parts(parts[name], where, parts, places)
 
 
-def _keys(part: dict[str, Any], anchors: dict[str, str]) -> str:
+def _keys(part: dict[str, Any], anchors: dict[str, str], heading: str, seen: dict[tuple[str, ...], str]) -> str:
+    """Write the table of a part; a meaning that an earlier part has is not repeated."""
     rows = []
     for key, value in part["properties"].items():
         default = "required" if key in part.get("required", ()) else code(value.get("default"))
         kind = ", ".join(_kinds(value, anchors))
-        rows.append((code(key), kind, value.get("unit", ""), default, _range(value), value["description"]))
+        meaning, unit = value["description"], value.get("unit", "")
+        before = seen.setdefault((key, unit, meaning), heading)
+        if before != heading and len(meaning.split()) > 8:
+            meaning = f"As in {before}."
+        rows.append((code(key), kind, unit, default, _range(value), meaning))
     return table("key", "type", "unit", "default", "range", "meaning", rows=rows)
 
 
@@ -308,12 +311,19 @@ def command() -> str:
     verbs = {(verb.name or verb.callback.__name__): verb.callback for verb in app.registered_commands if verb.callback}
     text = _COMMAND
     text += table("verb", "does", rows=((f"[`{n}`](#crawler-{n})", paragraphs(verb)[0]) for n, verb in verbs.items()))
+    options = {name: list(_options(verb)) for name, verb in verbs.items()}
+    times = Counter(row for rows in options.values() for row in rows)
+    shared = [row for row, count in times.items() if count > 2 and row[0].startswith("`--")]
+    text += "## Options of several verbs\n\n" + table("option", "takes", "default", "meaning", rows=shared)
     for name, verb in verbs.items():
         text += f"## crawler {name}\n\n"
         for paragraph in paragraphs(verb):
             example = paragraph.startswith("crawler ")
             text += f"```bash\n{paragraph}\n```\n\n" if example else f"{wrapped(paragraph)}\n\n"
-        text += table("argument or option", "takes", "default", "meaning", rows=_options(verb))
+        own = [row for row in options[name] if row not in shared]
+        text += table("argument or option", "takes", "default", "meaning", rows=own) if own else ""
+        also = ", ".join(row[0] for row in options[name] if row in shared)
+        text += f"Also {also}: [options of several verbs](#options-of-several-verbs).\n\n" if also else ""
     return text
 
 
@@ -373,15 +383,12 @@ def hard_cases() -> str:
     for row in found:
         groups.setdefault(re.sub(r"[-+]?\d[\d.e+-]*", "...", row["case"]), []).append(row)
 
-    def listed(rows: list[dict[str, str]], key: str) -> str:
-        return "; ".join(dict.fromkeys(row[key] for row in rows))
-
     cells = []
     for name, rows in groups.items():
         worst = max((row["worst error"] for row in rows), key=float)
-        cells.append((name, str(len(rows)), listed(rows, "verdict"), worst, listed(rows, "against")))
+        cells.append((name, str(len(rows)), "; ".join(dict.fromkeys(row["verdict"] for row in rows)), worst))
     head = _HARD_CASES.format(cases=len(found))
-    return head + table("case", "variants", "verdict", "worst error", "against", rows=cells)
+    return head + table("case", "variants", "verdict", "worst error", rows=cells)
 
 
 def _kind(scene: dict[str, Any]) -> str:
