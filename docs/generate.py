@@ -122,8 +122,8 @@ _GALLERY = """# Gallery
 
 The bodies that come with the program. `crawler simulate NAME` runs one, `crawler play NAME` lets you drive it,
 `crawler animate NAME --out film.gif` makes a film; each is a file in `msgs_config/scenes` to start from
-([Scenes](scenes.md)). Green contacts slide forward, red ones back, grey ones hold. [Stasis domains](domains.md) shows
-the forces of some of them.
+([Scenes](scenes.md)). Green contacts slide forward, red ones back, grey ones hold. [The paper,
+figure by figure](tutorial.md) shows the forces of some of them.
 
 """
 _PYTHON = """# Python

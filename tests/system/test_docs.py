@@ -32,7 +32,7 @@ from .test_rooms import PACKAGES
 
 NAMES = [str(page.relative_to(ROOT)) for page in pages()]
 TEXTS = {name: (ROOT / name).read_text(encoding="utf-8") for name in NAMES}
-LONG = ("docs/domains.md", "docs/laboratory.md")
+LONG = ("docs/laboratory.md",)
 """Pages whose commands other tests run, too."""
 PAGES = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in NAMES if "```" in TEXTS[name]]
 
