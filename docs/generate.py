@@ -407,8 +407,11 @@ def performance() -> str:
     """
     page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
     found = json.loads((ROOT / "benchmarks" / "results" / "mistakes.json").read_text(encoding="utf-8"))
-    columns = ("what is wrong", "robots", "called doubtful", "right explanation first")
-    rows = [(row["mistake"], *(str(row[key]) for key in ("robots", "doubtful", "first"))) for row in found["rows"]]
+    columns = ("what is wrong", "robots of each", "called doubtful", "right explanation first")
+    counts: dict[tuple[str, ...], list[str]] = {}
+    for row in found["rows"]:
+        counts.setdefault(tuple(str(row[key]) for key in ("robots", "doubtful", "first")), []).append(row["mistake"])
+    rows = [("; ".join(mistakes), *key) for key, mistakes in counts.items()]
     robots, doubtful, first = (sum(row[key] for row in found["rows"]) for key in ("robots", "doubtful", "first"))
     rows.append(("all", str(robots), f"{doubtful / robots:.0%}", f"{first / doubtful:.0%} of the doubtful"))
     before, rest = page.split("<!-- mistakes -->\n\n")
