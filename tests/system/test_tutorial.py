@@ -1,4 +1,4 @@
-"""docs/tutorial.md: its code runs, its figures have the numbers of the closed forms, and equal the committed ones."""
+"""docs/tutorial.md: its figures have the numbers of the closed forms, and equal the committed ones."""
 
 from __future__ import annotations
 
