@@ -77,7 +77,7 @@ def _limits(polygons: Sequence[np.ndarray]) -> list[tuple[float, float]]:
     """Compute limits of square axes around polygons, wide enough for labels outside them."""
     corners = np.concatenate(polygons)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    half = 1.0 * float((high - low).max()) or 1.0
+    half = (1.5 if page().narrow else 1.0) * float((high - low).max()) or 1.0
     return [(float(middle) - half, float(middle) + half) for middle in (low + high) / 2.0]
 
 

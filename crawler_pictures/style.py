@@ -192,8 +192,9 @@ def _print(figure: Figure) -> None:
         if part.get_suptitle():
             part.suptitle("")
     for axes in figure.axes:
-        if len(axes.get_title()) > _SHORT:  # a sentence, which is for the caption
-            axes.set_title("")
+        for side in ("left", "center", "right"):
+            if len(axes.get_title(side)) > _SHORT:  # a sentence, which is for the caption
+                axes.set_title("", loc=side)
     for artist in figure.findobj():
         if isinstance(artist, Text):
             artist.set_fontsize(LETTERS)

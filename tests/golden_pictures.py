@@ -169,6 +169,39 @@ def read_rrd(file: Path) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
+@contextlib.contextmanager
+def crowded_pictures() -> Iterator[list[str]]:
+    """Collect the crowded words of each figure that is saved."""
+    from matplotlib.figure import Figure
+
+    found, save = list[str](), Figure.savefig
+
+    def save_and_look(figure: Figure, *given: object, **more: object) -> None:
+        save(figure, *given, **more)
+        found.extend(crowded_words(figure))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", save_and_look)
+        yield found
+
+
+def crowded_words(figure: Figure) -> list[str]:
+    """List the words of a figure that leave it, and pairs of words that cover each other."""
+    from matplotlib.text import Text
+
+    figure.draw_without_rendering()
+    sides = [(axes.axison, axis) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    ticks = [tick for _, axis in sides for tick in axis.get_major_ticks()]
+    shown = {tick for drawn, axis in sides if drawn for tick in axis._update_ticks()}
+    hidden = {label for tick in ticks if tick not in shown for label in (tick.label1, tick.label2)}
+    hidden |= {axis.label for drawn, axis in sides if not drawn}
+    texts = [t for t in figure.findobj(Text) if t.get_visible() and t.get_text().strip() and t not in hidden]
+    boxes = [(" / ".join(text.get_text().split("\n")), text.get_window_extent().padded(-2.0)) for text in texts]
+    outside = [word for word, box in boxes if not figure.bbox.containsx(box.x0) or not figure.bbox.containsx(box.x1)]
+    pairs = itertools.combinations(boxes, 2)
+    return outside + [f"{one} over {other}" for (one, box), (other, more) in pairs if box.overlaps(more)]
+
+
 def differences(page: str, golden: Path) -> list[str]:
     """Compare what `read_figure` gave with a page that was looked at; places may differ by a thousandth of their range."""
     wanted, given = golden.read_text("utf-8").splitlines(), page.splitlines()

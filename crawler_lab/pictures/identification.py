@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 
 from crawler_pictures.colors import LINES, TEXT
 from crawler_pictures.numbers import shorten
-from crawler_pictures.style import open_figure, own_style, write_figure
+from crawler_pictures.style import open_figure, own_style, page, write_figure
 
 from ..identify.fit.misfit import Misfit, find_period
 from ..identify.identification import Identification
@@ -150,7 +150,9 @@ def _collect_rows(found: Identification, i: int, misfits: dict[str, Misfit]) -> 
 def _plot_recording(part: SubFigure, measured: Measurements, fitted: np.ndarray, rows: list[_Row]) -> None:
     """Plot the positions of a recording with a key, and below the residuals of each channel."""
     ratios = [2.6 if len(rows) <= 6 else 4.0, *(1.0 for _ in rows)]
-    axes = part.subplots(1 + len(rows), 2, squeeze=False, height_ratios=ratios, width_ratios=[2.4, 1.0])
+    narrow = page().narrow
+    sides = [1.4 if narrow else 2.4, 1.0]
+    axes = part.subplots(1 + len(rows), 2, squeeze=False, height_ratios=ratios, width_ratios=sides)
     over_time, over_phase = axes[:, 0], axes[1:, 1]
     for axis in over_time:
         axis.sharex(over_time[-1])
@@ -170,15 +172,17 @@ def _plot_recording(part: SubFigure, measured: Measurements, fitted: np.ndarray,
             axis.axhline(0.0, color=TEXT, linewidth=0.5, zorder=1)
         right.tick_params(labelleft=False)
     over_time[0].tick_params(labelsize=7, labelbottom=False)
-    over_time[1].set_title("residuals (simulated - measured) over time, mm", loc="left", fontsize=8)
+    over_time[1].set_title(
+        "residuals, mm" if narrow else "residuals (simulated - measured) over time, mm", loc="left", fontsize=8
+    )
     over_time[-1].set_xlabel("time, s", fontsize=8)
     if period:
-        over_phase[0].set_title("over the phase of the commands, mm", loc="left", fontsize=8)
-        over_phase[-1].set_xlabel(f"phase of the period of {period:.4g} s", fontsize=8)
+        title, label = "over the phase of the commands, mm", f"phase of the period of {period:.4g} s"
     else:
-        over_phase[0].set_title("over position, mm", loc="left", fontsize=8)
-        over_phase[-1].set_xlabel("way from the first position, mm (the commands do not repeat)", fontsize=8)
-    _plot_key(axes[0, 1], not fitted.all(), any(row.misfit and row.misfit.since is not None for row in rows))
+        title, label = "over position, mm", "way from the first position, mm (the commands do not repeat)"
+    over_phase[0].set_title("" if narrow else title, loc="left", fontsize=8)
+    over_phase[-1].set_xlabel(("phase" if period else "way, mm") if narrow else label, fontsize=8)
+    _plot_key(part, axes[0], not fitted.all(), any(row.misfit and row.misfit.since is not None for row in rows))
 
 
 def _plot_positions(axis: Axes, time: np.ndarray, fitted: np.ndarray, rows: list[_Row]) -> None:
@@ -201,6 +205,9 @@ def _plot_over_time(axis: Axes, time: np.ndarray, row: _Row, limit: float) -> No
     _plot_beyond(axis, time, errors, row.color, limit)
     if row.misfit is not None and row.misfit.since is not None:
         axis.axvline(row.misfit.since, color=TEXT, linewidth=1.0, linestyle="--")
+    if page().narrow:
+        axis.annotate(row.channel, (0.02, 0.95), xycoords="axes fraction", va="top", color=row.color, zorder=5)
+        return
     axis.set_ylabel(f"{row.channel}\n{row.size:.3g} x noise", color=row.color, rotation=0, fontsize=8)
     axis.yaxis.label.set(horizontalalignment="right", verticalalignment="center")
 
@@ -243,8 +250,9 @@ def _plot_beyond(axis: Axes, place: np.ndarray, errors: np.ndarray, color: str, 
         axis.plot(place[beyond], edge, marker, color=color, markersize=3.0, markeredgewidth=0.0)
 
 
-def _plot_key(axis: Axes, held_out: bool, since: bool) -> None:
-    """Explain dots, lines and bands."""
+def _plot_key(part: SubFigure, top: np.ndarray, held_out: bool, since: bool) -> None:
+    """Explain dots, lines and bands to the right of the positions, on narrow pages below all panels."""
+    positions, axis = top
     dots: Any = {"marker": ".", "linestyle": "", "color": TEXT}
     band = "95 % of the noise" + ("; of the prediction" if held_out else "")
     handles = [
@@ -255,6 +263,12 @@ def _plot_key(axis: Axes, held_out: bool, since: bool) -> None:
     ]
     handles += [Patch(color=_HELD_OUT, label="held out (right: grey dots)")] if held_out else []
     handles += [Line2D([], [], color=TEXT, linestyle="--", linewidth=1.0, label="misfit from here on")] if since else []
+    if page().narrow:
+        grid = axis.get_gridspec()
+        axis.remove()
+        positions.set_subplotspec(grid[0, :])
+        part.legend(handles=handles, loc="outside lower left", frameon=False)
+        return
     axis.set_axis_off()
     legend = axis.legend(handles=handles, loc="upper left", frameon=False, fontsize=8, borderaxespad=0.0)
     legend.set_in_layout(False)

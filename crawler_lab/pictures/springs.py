@@ -35,6 +35,7 @@ def draw_springs(found: Springs, path: Path) -> None:
         axis.plot(along, found.fitted, color=model, linewidth=1.4, label="model")
         axis.set_ylabel("force, N")
     loop.set_xlabel("elongation, mm")
+    loop.locator_params(axis="x", nbins=5)
     loop.legend(loc="upper left", frameon=False, markerscale=4.0)
     kind = f"curve of {len(found.stiffnesses)} pieces" if found.knots else f"{found.stiffnesses[0].value:.4g} N/m"
     count = len(found.elements)

@@ -20,7 +20,7 @@ _GAIN, _TRANSIENT = "#46688f", "#b9c6d8"
 
 
 def draw_gains(part: Any, gains: Gains, size: float, planar: bool) -> None:
-    """Draw the translation of each cycle, and next to it the slips forward and back that add up to it.
+    """Draw the translation of each cycle, and the slips forward and back that add up to it, below on narrow pages.
 
     Args:
         part: the figure to draw on.
@@ -28,7 +28,11 @@ def draw_gains(part: Any, gains: Gains, size: float, planar: bool) -> None:
         size: size of the lengths from which they were computed; smaller numbers by twelve decades are drawn as 0 [m].
         planar: whether the body moves in the plane.
     """
-    left, right = (part.subplots(), None) if gains.slips is None else part.subplots(1, 2, width_ratios=[2, 1])
+    narrow = page().narrow
+    if gains.slips is None:
+        left, right = part.subplots(), None
+    else:
+        left, right = part.subplots(2, 1) if narrow else part.subplots(1, 2, width_ratios=[2, 1])
     gained = np.where(np.abs(gains.gained) > ROUNDING * size, gains.gained, 0.0)
     number = np.arange(1, gained.size + 1)
     left.axhline(0.0, color="#9a9a9a", linewidth=0.8)
@@ -38,11 +42,11 @@ def draw_gains(part: Any, gains: Gains, size: float, planar: bool) -> None:
         bars = left.bar(number, gained, color=colors, width=0.6)
     else:
         left.plot(number, gained, color=_GAIN, linewidth=1.2)
-    left.margins(y=0.18 if few else 0.05)
+    left.margins(y=(0.3 if narrow else 0.18) if few else 0.05)
     left.set_xlabel("cycle" + (" (light: transient)" if gains.transient.any() else ""))
     scale = label_values(left, ("x gained" if planar else "net translation") + "\nin the cycle", "m", size)
     if few:
-        if not page().narrow or gained.size <= 6:
+        if not narrow or gained.size <= 6:
             left.bar_label(bars, labels=[f"{v / scale:.4g}" for v in gained], fontsize=8, padding=2)
         left.set_xticks(number)
     if right is not None:
@@ -56,7 +60,7 @@ def _draw_slips(axis: Axes, gains: Gains, gained: float, size: float) -> None:
     values = [v if abs(v) > ROUNDING * size else 0.0 for v in (forward, -back, gained)]
     bars = axis.bar(words, values, color=[FORWARD, BACK, _GAIN], width=0.6)
     axis.axhline(0.0, color="#9a9a9a", linewidth=0.8)
-    axis.margins(y=0.2)
+    axis.margins(y=0.3 if page().narrow else 0.2)
     scale = label_values(axis, "slip of all parts", "m", size)
     axis.bar_label(bars, labels=[f"{v / scale + 0.0:.4g}" for v in values], fontsize=8, padding=2)
     write_title(axis, "in the last cycle")

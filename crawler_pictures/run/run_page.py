@@ -74,7 +74,7 @@ def draw_run(run: RunArrays, png: Path, two_columns: bool = False) -> None:
     title = 0.45 if two_columns else 0.28
     heights.append(max(sum(height + title for height, _ in column) for column in columns) + 0.4)
     if run.gains is not None:
-        heights.append(2.4)
+        heights.append(4.8 if page().narrow and run.gains.slips is not None else 2.4)
     width, dpi = (_PRINT_WIDTH, _PRINT_DPI) if two_columns else (_WIDTH, _DPI)
     figure = open_figure(width, sum(heights), stacked=True)
     parts: list[Any] = list(np.atleast_1d(figure.subfigures(len(heights), 1, height_ratios=heights)))  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import zlib
+from dataclasses import replace
 
 import pytest
 
@@ -17,11 +18,13 @@ from crawler_lab.pictures.sweep import draw_sweep
 from crawler_model import load_scene, simulate
 from crawler_pictures.colors import ACTUATION, BACK, FORWARD
 from crawler_pictures.domain import draw_domain
+from crawler_pictures.run.arrays import Gains
 from crawler_pictures.run.run_page import draw_run
 from crawler_pictures.run.trajectory import read_trajectory
 from crawler_pictures.style import COLUMN, LETTERS, PRINTED, Page, on_page
 
 from ...commands import crawler
+from ...golden_pictures import crowded_pictures, crowded_words
 
 POINTS_PER_MM = 72.0 / 25.4
 NAME = "three_contacts_two_ways"
@@ -70,6 +73,35 @@ def test_a_pdf_is_one_column_wide_with_embedded_letters_of_eight_points(drawings
     assert b"/FontFile2" in pdf
     assert b"/Type3" not in pdf
     assert b"Serif" in pdf
+
+
+CROWDED = ["two_contacts_anisotropic", "tendon_worm", "worm_in_a_tube", "ten_link_snake", "hybrid_body"]
+
+
+@pytest.mark.parametrize("name", CROWDED)
+def test_no_words_of_a_run_leave_the_column_or_cover_each_other(name, tmp_path):
+    run = read_trajectory(simulate(load_scene(name), 2.0))
+    with on_page(Page(paper=True)), crowded_pictures() as crowded:
+        draw_run(run, tmp_path / "x.pdf")
+        draw_run(replace(run, gains=Gains(np.ones(4), np.ones(4, bool), (1.0, 1.0), 2)), tmp_path / "x.pdf")
+    assert crowded == []
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", NAME, "hybrid_body", "planar_three_points", "scissors"])
+def test_no_words_of_a_domain_leave_the_column_or_cover_each_other(name, tmp_path):
+    with on_page(Page(paper=True)), crowded_pictures() as crowded:
+        draw_domain(load_scene(name), tmp_path / "x.pdf")
+    assert crowded == []
+
+
+def test_words_that_leave_a_picture_or_cover_each_other_are_found():
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.0, 2.0))
+    figure.text(0.9, 0.5, "leaves the picture")
+    figure.text(0.1, 0.5, "one")
+    figure.text(0.12, 0.5, "two")
+    assert crowded_words(figure) == ["leaves the picture", "one over two"]
 
 
 def words_of(drawing, file) -> str:

@@ -14,6 +14,9 @@ from crawler_lab import Identification, identify
 from crawler_lab.identify.measurements import Measurements
 from crawler_lab.pictures.identification import draw_identification, plot_identification
 from crawler_model import Scene, simulate
+from crawler_pictures.style import Page, on_page
+
+from ...golden_pictures import crowded_pictures
 
 NOISE = 2e-4
 BODY = {
@@ -47,6 +50,13 @@ def fit(*recordings: Measurements) -> Identification:
 @pytest.fixture(scope="module")
 def found():
     return {"noise": fit(record()), "stuck": fit(record(stuck=True))}
+
+
+@pytest.mark.parametrize("name", ["noise", "stuck"])
+def test_no_words_of_a_paper_leave_the_column_or_cover_each_other(found, name, tmp_path):
+    with on_page(Page(paper=True)), crowded_pictures() as crowded:
+        draw_identification(found[name], tmp_path / "x.pdf")
+    assert crowded == []
 
 
 def panels(found: Identification) -> tuple[list, list]:
