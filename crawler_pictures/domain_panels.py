@@ -59,7 +59,8 @@ def draw_panels(
         sliding = np.where(slides[:, i, None], force[:, i], np.nan)
         axis.plot(*sliding.T, "o-", color=FORWARD, linewidth=3.0, markersize=7)
         axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
-        axis.set(title=f"{name} {i}" + ": green while it slides" * (not page().paper), xlabel=components[0], ylabel=components[1])
+        axis.set(xlabel=components[0], ylabel=components[1])
+        axis.set_title(f"{name} {i}" + ("" if page().paper else ": green while it slides"))
         axis.locator_params(nbins=5)
     for axis in axes[len(sets) :]:
         axis.set_axis_off()
