@@ -66,9 +66,9 @@ def draw_optimum(optimum: Optimum, units: Mapping[str, str], png: Path) -> None:
         _draw_profiles(below.subplots(), optimum, units)
     else:
         _draw_gait(left, run, shown)
-        above, below = right.subplots(2, 1)
-        _draw_profiles(above, optimum, units)
-        _draw_map(right, below, optimum, units)
+        above, below = right.subfigures(2, 1)
+        _draw_profiles(above.subplots(), optimum, units)
+        _draw_map(below, below.subplots(), optimum, units)
     unit = "" if optimum.unit == "1" else f" {optimum.unit}"
     title = f"{shorten(optimum.scene.name)}: {_LABELS[optimum.objective].split(' [')[0]} {optimum.value:.5g}{unit}"
     figure.suptitle(title, x=0.005, ha="left", fontsize=12, fontweight="bold", parse_math=False)
@@ -133,7 +133,7 @@ def _draw_profiles(axis: Axes, optimum: Optimum, units: Mapping[str, str]) -> No
         handles.append(Line2D([], [], color=color, linewidth=1.6, linestyle=dash, label=label))
     place = (optimum.values - optimum.low) / (optimum.high - optimum.low)
     axis.plot(place[order], [optimum.value] * order.size, "o", color="black", ms=4, zorder=4)
-    axis.set(xlabel="one unknown, from its lower to its upper bound", ylabel=_LABELS[optimum.objective])
+    axis.set(xlabel="one unknown between its bounds", ylabel=_LABELS[optimum.objective])
     place_legend(axis, handles)
     write_title(axis, "around the optimum (dots), one unknown at a time")
     make_room(axis)
@@ -162,7 +162,7 @@ def _draw_map(part: Any, axis: Axes, optimum: Optimum, units: Mapping[str, str])
     names = optimum.names
     across, upwards = (_with_unit(name_number(optimum.scene, names[i]), units[names[i]]) for i in pair)
     axis.set(xlabel=across, ylabel=upwards)
-    axis.locator_params(nbins=5)
+    axis.locator_params(nbins=3 if page().narrow else 5)
     outside = "; grey: no value within the limits" if np.isnan(values).any() else ""
     write_title(axis, f"around the optimum (circle), two unknowns{outside}")
 

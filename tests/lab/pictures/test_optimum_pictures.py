@@ -18,6 +18,9 @@ from crawler_lab.pictures.optimum import draw_optimum
 from crawler_model import Scene, load_scene
 from crawler_pictures.colors import LINES
 from crawler_pictures.run.kymograph import place_legend
+from crawler_pictures.style import Page, on_page
+
+from ...golden_pictures import crowded_pictures
 
 BODY = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": 10.0}}
 
@@ -32,9 +35,20 @@ def draw(best: Optimum) -> Figure:
 
 
 @pytest.fixture(scope="module")
-def figure() -> Figure:
+def best() -> Optimum:
     scene = Scene.model_validate({"name": "worm", "body": BODY, "friction": {"forward": 0.02, "backward": 0.06}})
-    return draw(optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01), mapped=True))
+    return optimise(scene, "translation", waypoints=2, stroke=(-0.01, 0.01), mapped=True)
+
+
+@pytest.fixture(scope="module")
+def figure(best) -> Figure:
+    return draw(best)
+
+
+def test_no_words_of_a_paper_leave_the_column_or_cover_each_other(best, tmp_path):
+    with on_page(Page(paper=True)), crowded_pictures() as crowded:
+        draw_optimum(best, dict.fromkeys(best.names, "m"), tmp_path / "x.pdf")
+    assert crowded == []
 
 
 def panel(figure: Figure, title: str):
