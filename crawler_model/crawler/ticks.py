@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..body.drive import NS
 from ..compiled import compiled
 from ..motion.line.follow import follow
 from ..motion.line.motion import LineMotion
@@ -22,11 +21,11 @@ def runs_in_one_call(crawler: Crawler) -> bool:
         crawler: the crawler.
 
     Returns:
-        True for links on a line without backlash, on ground that is the same everywhere: other bodies are followed tick
-        by tick.
+        True for links on a line without backlash or loads, on ground that is the same everywhere: other bodies are
+        followed tick by tick.
     """
     motion = crawler._motion
-    simple = crawler.body.play is None and not crawler.body.segments
+    simple = crawler.body.play is None and not crawler.body.segments and not crawler.scene.columns.loads
     return isinstance(motion, LineMotion) and motion.track is None and simple
 
 
@@ -35,7 +34,7 @@ def follow_ticks(
     readout: Readout,
     targets: np.ndarray,
     first: np.ndarray,
-    times_ns: np.ndarray,
+    seconds: np.ndarray,
     read: np.ndarray,
     of_joints: np.ndarray,
     of_contacts: np.ndarray,
@@ -48,7 +47,7 @@ def follow_ticks(
         readout: the readout of its body.
         targets: rows as returned by `Crawler.target`, of all ticks, shape (V, F).
         first: the first row of each tick, then V, shape (K + 1,).
-        times_ns: simulated time at the start of the first tick and at the end of each, shape (K + 1,) [ns].
+        seconds: duration of each tick, shape (K,) [s].
         read: whether to read each tick at its end, R times true, shape (K,).
         of_joints: output: as for `Readout.read`, shape (R, 3, 1 + J).
         of_contacts: output: as for `Readout.read`, shape (R, 3, M).
@@ -62,7 +61,7 @@ def follow_ticks(
     motion: Any = crawler._motion
     scratch: Any = crawler._scratch
     scratch.budget[0], scratch.exact[0] = crawler.budget, crawler.method == "exact"
-    ticks = (first, times_ns, read, readout.joints, readout.seen)
+    ticks = (first, seconds, read, readout.joints, readout.seen)
     output = (accounts, of_joints, of_contacts, moved)
     memory = motion.memory_for(line, scratch)
     _follow_ticks(line.contacts, line.springs, scratch.ramps, memory, targets, ticks, output)
@@ -73,7 +72,7 @@ def follow_ticks(
 @compiled
 def _follow_ticks(contacts, springs, ramps, memory, targets, ticks, output):
     """Follow and read ticks: arguments as for `follow` in `motion.line.follow`, `read_records` and `follow_ticks`."""
-    first, times_ns, read, joints, seen = ticks
+    first, seconds, read, joints, seen = ticks
     accounts, of_joints, of_contacts, moved = output
     records = np.empty((0, 0))
     row = 0
@@ -81,8 +80,7 @@ def _follow_ticks(contacts, springs, ramps, memory, targets, ticks, output):
         ends = targets[first[tick] : first[tick + 1]]
         follow(contacts, springs, ramps, memory, ends, accounts[tick], records)
         if read[tick]:
-            seconds = (times_ns[tick + 1] - times_ns[tick]) / NS
-            read_records(contacts, springs, joints, seen, seconds, of_joints[row], of_contacts[row])
+            read_records(contacts, springs, joints, seen, seconds[tick], of_joints[row], of_contacts[row])
             for i in range(contacts.shape[0]):
                 moved[row, 0, i] = contacts[i].x
                 moved[row, 1, i] = contacts[i].gained

@@ -77,7 +77,7 @@ class Ticks:
         self._scene, self._columns = scene, scene.columns
         self._count_anew()
         averages = self.inertia is not None and not self.inertia.follows_pieces  # of which each tick counts
-        self._compiled = runs_in_one_call(crawler) and not (averages or scene.columns.loads)
+        self._compiled = runs_in_one_call(crawler) and not averages
         self.most = outgoing.encoder.most if feed is None else 1
         """Largest number of ticks at once; the live view is shown between them."""
         self._ahead = min(self.most, 16)
@@ -168,15 +168,17 @@ class Ticks:
         """
         crawler, encoder, count = self.crawler, self._outgoing.encoder, np.count_nonzero(read)
         joints, contacts, moved = encoder.joints[:count], encoder.contacts[:count], self._moved[:count]
-        targets, times_ns = self._columns.target(taken.rows), taken.times_ns
-        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, times_ns, read, joints, contacts, moved)
+        targets = self._columns.target(taken.rows)
+        ns = taken.times_ns[1:] - taken.times_ns[:-1]  # np.diff takes twice as long
+        seconds = ns / NS
+        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, seconds, read, joints, contacts, moved)
         poses = encoder.poses[:count]
         poses[:, ::4] = np.vecdot(moved, crawler.body.share)  # x and its gain, each to the bit as one product
         if "odom" in encoder.places:
-            poses[:, 4] /= ((times_ns[1:] - times_ns[:-1]) / NS)[read]  # np.diff takes twice as long
+            poses[:, 4] /= seconds[read]
         if self.yields is not None:
             targets = np.vstack((self._columns.target(in_force[None]), targets))[taken.first[1:]]  # at the end of each
-            self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], times_ns[1:] - times_ns[:-1])
+            self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], ns)
         return accounts
 
     def _follow_each(
@@ -257,7 +259,7 @@ def compile_ticks(scene: Scene) -> None:
     if runs_in_one_call(crawler):
         targets, moved = scene.columns.target(taken.rows), np.empty((1, 2, scene.body.contacts))
         tables = encoder.joints[:1], encoder.contacts[:1], moved
-        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, taken.times_ns, always, *tables)
+        accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, np.ones(1), always, *tables)
     sum_accounts(accounts)
 
 

@@ -29,7 +29,7 @@ class _Walk(CdrReader):
         super().__init__(data)
         self.stamps: list[int] = []
         self.numbers: list[tuple[int, int]] = []
-        self.fixed: list[tuple[int, int]] = []
+        self.fixed: list[tuple[int, int]] = [(1, 2)]
 
     def stamp(self) -> None:
         """Skip a time or duration."""
@@ -61,15 +61,15 @@ class Layout:
         names: joint names.
         stamps: position of the stamp, then of each point's time_from_start.
         numbers: position of each sequence of numbers, and its length.
-        fixed: positions of the bytes that are equal in all such messages.
-        model: the values of these bytes.
+        model: the bytes of one such message.
+        mask: 255 for the bytes that are equal in all of them, else 0.
     """
 
     names: tuple[str, ...]
     stamps: np.ndarray
     numbers: tuple[tuple[int, int], ...]
-    fixed: np.ndarray
     model: np.ndarray
+    mask: np.ndarray
 
 
 def find_layout(kind: str, data: bytes) -> Layout:
@@ -107,9 +107,11 @@ def find_layout(kind: str, data: bytes) -> Layout:
                     walk.skip_doubles()
                     walk.numbers.pop()
                 walk.stamp()
-    fixed = np.concatenate([np.arange(a, b) for a, b in walk.fixed]).astype(np.int64)
-    model = np.frombuffer(data, np.uint8)[fixed].copy()
-    return Layout(names, np.array(walk.stamps, np.int64), tuple(walk.numbers), fixed, model)
+    model = np.frombuffer(data, np.uint8)
+    mask = np.zeros_like(model)
+    for first, end in walk.fixed:
+        mask[first:end] = 255
+    return Layout(names, np.array(walk.stamps, np.int64), tuple(walk.numbers), model, mask)
 
 
 def _read(layout: Layout, table: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -118,6 +120,23 @@ def _read(layout: Layout, table: np.ndarray) -> tuple[np.ndarray, list[np.ndarra
     times = words[..., 0] * NS + (words[..., 1] & 0xFFFFFFFF)
     numbers = [table[:, a : a + 8 * n].copy().view("<f8").reshape(table.shape[0], n) for a, n in layout.numbers]
     return times, numbers
+
+
+def rows_at(data: np.ndarray, first: np.ndarray, size: int) -> np.ndarray:
+    """Copy pieces of equal size.
+
+    Args:
+        data: bytes, shape (B,).
+        first: where each piece begins, shape (K,).
+        size: its number of bytes.
+
+    Returns:
+        Shape (K, size).
+    """
+    if not first.size:  # there may be fewer bytes than one piece has
+        return np.empty((0, size), np.uint8)
+    # rows: an index for each byte takes ten times as long
+    return np.lib.stride_tricks.sliding_window_view(data, size)[first]
 
 
 class Decoder:
@@ -156,7 +175,7 @@ class Decoder:
         sizes = block.size[which]
         for size in np.unique(sizes).tolist():
             at = np.flatnonzero(sizes == size)
-            table = block.data[block.first[which[at]][:, None] + np.arange(size)]
+            table = rows_at(block.data, block.first[which[at]], size)
             layout = self._layouts.get(size)
             if layout is None:
                 data = table[0].tobytes()
@@ -165,10 +184,9 @@ class Decoder:
                     self._layouts[size] = layout
                     if len(self._layouts) > _MOST_LAYOUTS:
                         del self._layouts[next(iter(self._layouts))]
-            if layout.fixed.size and layout.fixed[-1] < size:
-                same = (table[:, layout.fixed] == layout.model).all(axis=1) & (table[:, 1] == 1)
-            else:
-                same = np.zeros(at.size, bool)
+            same = np.zeros(at.size, bool)
+            if layout.model.size == size:
+                same = ~((table ^ layout.model) & layout.mask).any(axis=1)
             if same.any():
                 groups.append((at[same], *self._read(layout, table[same])))
             for row in np.flatnonzero(~same):

@@ -152,30 +152,25 @@ def _follow_drive(
     steep = float((np.abs(np.diff(places, axis=0)).max(axis=1) / np.diff(times)).max())
     wrong = np.flatnonzero(off > tolerance + steep * _INSTANT_NS / NS)
     good_ns = int(time[wrong[0]]) if wrong.size else last_ns + 1
-    bounds = [begin]
-    for k in range(count):
-        if not _passes_corners(path, moved, start_ns + k * span, times, places, tolerance):
-            break
-        at = start_ns + (k + 1) * span
-        vertex = int(np.searchsorted(path.time_ns, at + _INSTANT_NS, side="right")) - 1
-        ends_there = abs(path.time_ns[vertex] - at) <= _INSTANT_NS
-        held = vertex < moved.size and not moved[vertex]
-        if path.time_ns[vertex] >= good_ns or not (ends_there or held):
-            break
-        bounds.append(vertex)
-    return bounds
+    begins_ns, ends_ns = (start_ns + np.arange(first, first + count) * span for first in (0, 1))
+    vertex = np.searchsorted(path.time_ns, ends_ns + _INSTANT_NS, side="right") - 1
+    ends_there = np.abs(path.time_ns[vertex] - ends_ns) <= _INSTANT_NS
+    held = (vertex < moved.size) & ~moved[np.minimum(vertex, moved.size - 1)]
+    right = _pass_corners(path, moved, begins_ns, times, places, tolerance) & (ends_there | held)
+    right &= path.time_ns[vertex] < good_ns
+    return [begin, *vertex[: np.append(right, False).argmin()].tolist()]
 
 
-def _passes_corners(
-    path: CommandPath, moved: np.ndarray, start_ns: float, times: np.ndarray, places: np.ndarray, tolerance: float
-) -> bool:
-    """Return whether every waypoint of a period at which the drive turns is a vertex of the path."""
+def _pass_corners(
+    path: CommandPath, moved: np.ndarray, begins_ns: np.ndarray, times: np.ndarray, places: np.ndarray, tolerance: float
+) -> np.ndarray:
+    """Determine whether every waypoint at which the drive turns is a vertex of the path, for each period, (K,)."""
     slope = np.diff(places, axis=0) / np.diff(times)[:, None]
     turns = np.flatnonzero(np.abs(np.diff(slope, axis=0)).max(axis=1, initial=0.0) > tolerance) + 1
-    at = start_ns + times[turns] * NS
+    at = begins_ns[:, None] + times[turns] * NS
     near = np.clip(np.searchsorted(path.time_ns, at), 1, path.time_ns.size - 1)
     apart = np.minimum(np.abs(path.time_ns[near] - at), np.abs(path.time_ns[near - 1] - at))
-    return bool(((apart <= _INSTANT_NS) | ~moved[near - 1]).all())
+    return np.asarray(((apart <= _INSTANT_NS) | ~moved[near - 1]).all(axis=1))
 
 
 def _find_recurrence(path: CommandPath) -> list[Stretch]:

@@ -17,7 +17,7 @@ from crawler_model.run.ticks import rational_rate
 
 from ..recording import bag
 from ..recording.incidents import DIAGNOSTICS, Parts, read_diagnostics
-from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY
+from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, rows_at
 from ..recording.recorded_robot import Robot, noted_robot, robot_in
 
 _STAMPED = (JOINT_STATE, TRAJECTORY, POSE, ODOMETRY, "rosgraph_msgs/msg/Clock")
@@ -113,7 +113,7 @@ def survey_recording(path: Path, progress: Callable[[float], None] | None = None
                     diagnostics |= read_diagnostics(block.data[first : first + size].tobytes())
             if types[topic] in _STAMPED:
                 which = which[block.size[which] >= 12]
-                words = block.data[block.first[which][:, None] + np.arange(4, 12)].copy().view("<i4").astype(np.int64)
+                words = rows_at(block.data, block.first[which] + 4, 8).view("<i4").astype(np.int64)
                 stamps[topic].frombytes((words[:, 0] * NS + (words[:, 1] & 0xFFFFFFFF)).tobytes())
     topics = {
         name: Stamps(kind, np.array(stamps[name], np.int64), np.array(received[name], np.int64))
@@ -235,23 +235,23 @@ def states_every(survey: Survey, robot: Robot, rate: Fraction | None) -> int:
     return max(round(float(np.median(steps) * float(rate)) / NS), 1) if rate is not None and steps.size else 1
 
 
-def next_tick_ns(stamp_ns: int, rate: Fraction | None) -> int:
-    """Compute the end of the tick that begins at a stamp.
+def next_ticks_ns(stamp_ns: np.ndarray, rate: Fraction | None) -> np.ndarray:
+    """Compute the ends of the ticks that begin at some stamps.
 
     Args:
-        stamp_ns: simulated time of the tick's start [ns].
+        stamp_ns: simulated times of their starts, shape (K,) [ns].
         rate: ticks per second [Hz]; None when it is not known.
 
     Returns:
-        Simulated time of the tick's end [ns], or of its start when the rate is not known.
+        Simulated times of their ends [ns], or of their starts when the rate is not known.
     """
     if rate is None:
         return stamp_ns
-    n, d = rate.numerator, NS * rate.denominator
-    tick = (2 * stamp_ns * n + d) // (2 * d)
-    if tick * d // n == stamp_ns:
-        return (tick + 1) * d // n
-    return stamp_ns + d // n
+    n, d, whole = rate.numerator, NS * rate.denominator, stamp_ns
+    if 4 * (int(np.abs(stamp_ns).max(initial=0)) * n + d) >= 1 << 63:
+        whole = stamp_ns.astype(object)  # integers of any size
+    tick = (2 * whole * n + d) // (2 * d)
+    return np.where(tick * d // n == stamp_ns, (tick + 1) * d // n, whole + d // n).astype(np.int64)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..recording import bag
 from ..recording.layouts import JOINT_STATE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from ..wire.states import StationReader, shown_contacts
-from .health import Survey, next_tick_ns
+from .health import Survey, next_ticks_ns
 
 
 def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | None) -> tuple[Crawler, int]:
@@ -51,12 +51,12 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
     states = Decoder(robot.recorded(source), JOINT_STATE)
     head = bag.Bag({})
     commands, seen = _FirstRun(), _FirstRun()
-    known, ends = None, list[int]()
+    known, ends = None, np.zeros(0, np.int64)
     for block in bag.read_blocks(survey.path, head):
         commands.extend(ledger.read(block, head.find(block, ledger.topic)), -1)
         seen.extend(states.read(block, head.find(block, states.topic)), 0)
-        ends = [next_tick_ns(ns, rate) for ns, _ in commands.messages]
-        known = next(((ns, x) for ns, x in seen.messages if ends and ns >= ends[0]), None)
+        ends = next_ticks_ns(np.array([ns for ns, _ in commands.messages], np.int64), rate)
+        known = next(((ns, x) for ns, x in seen.messages if ends.size and ns >= ends[0]), None)
         if commands.ended or seen.ended or (known is not None and ends[-1] > known[0]):  # no earlier command can follow
             break
     if known is not None:

@@ -1,9 +1,11 @@
-"""Ramps followed by the model, collected row by row and converted to arrays."""
+"""Ramps followed by the model, all at once or row by row, and what the node sends at the ends of their ticks."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
+from crawler_model.crawler.ticks import follow_ticks
 from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK, empty_account
 from crawler_model.run.account import average_displacement
 from crawler_model.run.screw import to_frame
@@ -21,77 +24,120 @@ from crawler_model.run.trajectory import TimedJump
 from crawler_model.theory.stasis import bound_distances, stasis_bounds
 
 from ..wire.messages import find_orientation
+from .ledger import Ramps
 from .parts import parts_of
 from .ramps import Piece
 
 _NOISE = 1e-14
 """Displacements below this fraction of the body's length are rounding."""
 _NO_ACCOUNT = empty_account()
+Rows = Any
+"""A list of rows, or a whole array."""
 
 
 class RampRows:
-    """Collects ramps as they are computed and builds a piece of them."""
+    """The states at the ends of the ramps of some ticks, row by row or as whole arrays; builds a piece of them."""
 
-    def __init__(self, scene: Plan, widths: tuple[int, int]) -> None:
-        """Start empty.
+    def __init__(self, scene: Plan, widths: tuple[int, int], run: int, ramps: Ramps) -> None:
+        """Start without states.
 
         Args:
             scene: the scene that runs.
             widths: numbers of entries of joint_states and of contact_states.
+            run: number of the run between resets.
+            ramps: the ramps.
         """
         self._scene, self._widths, self._parts = scene, widths, parts_of(scene.body)
-        self.run: list[int] = []
-        self.start_ns: list[int] = []
-        self.end_ns: list[int] = []
-        self.ends_tick: list[bool] = []
-        self._commands: list[np.ndarray] = []
-        self._targets: list[np.ndarray] = []
-        self._lengths: list[np.ndarray] = []
-        self._x: list[np.ndarray] = []
-        self._shape: list[np.ndarray] = []
-        self._tension: list[np.ndarray] = []
-        self._gained: list[np.ndarray] = []
+        self.run, self.ramps = run, ramps
+        self._targets = scene.columns.target(ramps.rows)
+        self._lengths: Rows = []
+        self._x: Rows = []
+        self._shape: Rows = []
+        self._tension: Rows = []
+        self._gained: Rows = []
         self._places: list[np.ndarray | None] = []
-        self._accounts: list[np.ndarray] = []
+        self._accounts: Rows = []
         self._losses: list[float] = []
         self._remembered: list[float] = []
         self._own_margins: list[np.ndarray] = []
         self._yaw: list[float] = []
         self._stability: list[float | None] = []
         self._jumps: list[tuple[int, TimedJump]] = []
-        self.joints: list[np.ndarray] = []
-        self.contacts: list[np.ndarray] = []
-        self.poses: list[tuple[float, ...]] = []
+        self.joints: Rows = []
+        """Of each tick, as from `Readout.read`."""
+        self.contacts: Rows = []
+        self.poses: Rows = []
+        """The numbers of a pose, shape (7,) of each tick."""
 
-    def add_ramp(
-        self,
-        run: int,
-        start_ns: int,
-        end_ns: int,
-        ends_tick: bool,
-        row: np.ndarray,
-        target: np.ndarray,
-        crawler: Crawler,
-        step: Step | None,
-    ) -> None:
-        """Add a ramp that was just followed, or a tick in which nothing was commanded.
+    def follow_at_once(self, crawler: Crawler, readout: Readout, seconds: np.ndarray) -> None:
+        """Follow all ramps in compiled calls.
 
         Args:
-            run: number of the run between resets.
-            start_ns: when it begins [ns].
-            end_ns: when it ends [ns].
-            ends_tick: whether a tick ends there too.
-            row: the command at its end.
-            target: the same for every spring and contact.
+            crawler: the crawler at their start, for which `runs_in_one_call` is true, without elements of hysteresis.
+            readout: readout of the scene.
+            seconds: as for `read`, of each tick, shape (K,).
+        """
+        ramps, body, before = self.ramps, self._scene.body, crawler.copy()
+        targets = self._scene.columns.target(ramps.ticks.rows)
+        self.joints, self.contacts, moved, accounts = self._run(crawler, readout, targets, ramps.ticks.first, seconds)
+        self.poses = np.zeros((seconds.size, 7))
+        self.poses[:, 0], self.poses[:, 6] = np.vecdot(moved[:, 0], body.share), 1.0
+        joints = self.joints
+        if not ramps.moves.all() or ramps.moves.size > seconds.size:  # some ticks have no ramp, several, or rest
+            first = np.append(0, np.cumsum(ramps.moves))
+            none = np.full(ramps.moves.size, np.nan)
+            joints, _, moved, accounts = self._run(before, readout, targets, first, none)
+            accounts[~ramps.moves] = _NO_ACCOUNT
+        self._x, self._gained, self._accounts = moved[:, 0], moved[:, 1], accounts
+        self._shape, self._tension = np.empty((2, ramps.moves.size, body.springs))
+        self._shape[:, body.link_springs], self._tension[:, body.link_springs] = joints[:, 0, 1:], joints[:, 2, 1:]
+        self._lengths = self._targets[:, : body.springs]
+        self._losses = self._remembered = [0.0] * ramps.moves.size
+
+    def _run(
+        self, crawler: Crawler, readout: Readout, targets: np.ndarray, first: np.ndarray, seconds: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Follow the targets as ticks; return joints, contacts, what moved, and accounts."""
+        count, (joints, contacts) = seconds.size, self._widths
+        shapes = (count, 3, joints), (count, 3, contacts), (count, 2, crawler.body.contacts)
+        of_joints, of_contacts, moved = map(np.empty, shapes)
+        tables = np.ones(count, np.bool_), of_joints, of_contacts, moved
+        return of_joints, of_contacts, moved, follow_ticks(crawler, readout, targets, first, seconds, *tables)
+
+    def follow_each(self, crawler: Crawler, readout: Readout, seconds: np.ndarray) -> None:
+        """Follow the ramps one after another.
+
+        Args:
+            crawler: the crawler at their start.
+            readout: readout of the scene.
+            seconds: as for `read`, of each tick, shape (K,).
+        """
+        ramps, ramp = self.ramps, 0
+        targets = self._scene.columns.target(ramps.ticks.rows)
+        for tick, (first, last) in enumerate(itertools.pairwise(ramps.ticks.first.tolist())):
+            whole = crawler
+            if last > first + 1:
+                # the node follows a tick in one call: its displacements are the sums over the ramps up to rounding
+                whole = crawler.copy()
+                whole.follow(targets[first:last])
+            elif last == first:
+                crawler.follow(targets[:0])
+            for target in targets[first:last]:
+                self.add_ramp(ramp, crawler, crawler.follow(target[None]))
+                ramp += 1
+            if ramp < ramps.first[tick + 1]:
+                self.add_ramp(ramp, crawler, None)
+                ramp += 1
+            self.read(readout, whole, seconds[tick])
+
+    def add_ramp(self, ramp: int, crawler: Crawler, step: Step | None) -> None:
+        """Add a ramp that was just followed, or rest.
+
+        Args:
+            ramp: its number.
             crawler: the crawler at its end.
             step: the response to this ramp; None where nothing was commanded, and nothing moved.
         """
-        self.run.append(run)
-        self.start_ns.append(start_ns)
-        self.end_ns.append(end_ns)
-        self.ends_tick.append(ends_tick)
-        self._commands.append(row)
-        self._targets.append(target)
         self._lengths.append(crawler.actuation)
         self._x.append(crawler.displacement.copy())
         self._shape.append(crawler.shape.copy())
@@ -106,9 +152,10 @@ class RampRows:
             self._stability.append(crawler.stability_margin)
         self._remembered.append(energy_of_sliders(crawler.body.bends, crawler.hysteresis))
         self._losses.append(0.0 if step is None else step.jump_loss)
+        start_ns, until_ns = int(self.ramps.start_ns[ramp]), int(self.ramps.until_ns[ramp])
         for jump in () if step is None else step.jumps:
-            when = (start_ns + jump.fraction * (end_ns - start_ns)) / NS
-            self._jumps.append((run, TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss)))
+            when = (start_ns + jump.fraction * (until_ns - start_ns)) / NS
+            self._jumps.append((self.run, TimedJump(when, jump.contact, jump.border, jump.distance, jump.loss)))
 
     def read(self, readout: Readout, crawler: Crawler, seconds: float) -> None:
         """Add the contents of the topics at the end of a tick.
@@ -148,11 +195,11 @@ class RampRows:
         slid[:, body.share == 0.0] = 0.0  # points that do not touch the ground
         forward, backward = self._parts.slid(slid if body.turning is None else to_frame(body, x, slid))
         return Piece(
-            run=np.array(self.run, np.int64),
-            start_ns=np.array(self.start_ns, np.int64),
-            end_ns=np.array(self.end_ns, np.int64),
-            ends_tick=np.array(self.ends_tick),
-            command=np.array(self._commands),
+            run=np.full(self.ramps.moves.size, self.run),
+            start_ns=self.ramps.start_ns,
+            end_ns=self.ramps.until_ns,
+            ends_tick=self.ramps.ends_tick,
+            command=self.ramps.rows,
             position=(body.position + x)[:, shown],
             gained=gained[:, shown],
             station_gained=slid[:, self._parts.stations],
@@ -188,7 +235,7 @@ class RampRows:
 
     def _local_targets(self) -> np.ndarray:
         """Return the targets, with the bounds and loads of the ground under each contact."""
-        target, track = np.array(self._targets), self._scene.ground.track
+        target, track = self._targets, self._scene.ground.track
         if track is None:
             return target
         body, springs = self._scene.body, self._scene.body.springs

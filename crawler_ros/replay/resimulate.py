@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
 from crawler_model import Crawler
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import Readout
+from crawler_model.crawler.ticks import runs_in_one_call
 from crawler_model.run.account import tolerance_of
 
 from ..recording import bag
@@ -19,7 +19,8 @@ from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from ..wire.measured import MEASURED, MeasuredStates
 from ..wire.states import contact_names, joint_state_names, shown_contacts
-from .health import Survey, next_tick_ns
+from .health import Survey, next_ticks_ns
+from .ledger import Ticks, divide, read_ticks
 from .ramp_rows import RampRows
 from .ramps import Sink
 from .runs import LEDGER, STATES, find_runs
@@ -100,10 +101,24 @@ class Comparison:
 
 @dataclass(eq=False)
 class _Unpaired:
-    """States that wait for their counterparts: keys and numbers."""
+    """States that wait for their counterparts.
 
-    keys: list[tuple[int, int]] = field(default_factory=list)
+    Attributes:
+        keys: run, and time [ns] of each, shape (K, 2).
+        numbers: what they hold, shape (K, ...).
+    """
+
+    keys: list[np.ndarray] = field(default_factory=list)
     numbers: list[np.ndarray] = field(default_factory=list)
+
+    def join(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return all keys and numbers."""
+        return np.concatenate(self.keys), np.concatenate(self.numbers)
+
+    def keep(self, keys: np.ndarray, numbers: np.ndarray, which: np.ndarray) -> None:
+        """Keep the last of those marked by `which`, shape (K,)."""
+        left = np.flatnonzero(which)[-_MOST_WAITING:]
+        self.keys, self.numbers = [keys[left]] * (left.size > 0), [numbers[left]] * (left.size > 0)
 
 
 class Resimulation:
@@ -140,7 +155,8 @@ class Resimulation:
         self._readout = Readout(scene.body, self._shown)
         self._widths = len(joint_state_names(scene.body)), len(contact_names(scene.body))
         self._row = self._crawler.row
-        self._target = scene.columns.target(self._row)
+        # elements of hysteresis remember what a readout of many ticks does not hold
+        self._at_once = runs_in_one_call(start) and not start.hysteresis.size
         self._run, self._last_ns = 0, self._begin_ns - 1
         self._end_ns = self._begin_ns
         self._runs = find_runs(survey, robot)
@@ -181,12 +197,12 @@ class Resimulation:
                 self._reset()  # no tick follows
             self._compare_all()
         for _, theirs in self._waiting.values():
-            self._give_up(theirs.keys)
+            if theirs.keys:
+                self._give_up(theirs.join()[0])
         return result
 
     def _add_block(self, block: bag.Block, head: bag.Bag) -> None:
-        ledger: list[Any] = []
-        for name, decoder in self._decoders.items():
+        for name, decoder in sorted(self._decoders.items(), key=lambda item: item[0] == LEDGER):  # the states first
             which = head.find(block, decoder.topic)
             if not which.size:
                 continue
@@ -195,15 +211,14 @@ class Resimulation:
             runs = self._runs[name].of(self._seen[name] + np.arange(which.size))
             self._seen[name] += which.size
             if name == LEDGER:
-                ledger = [(groups, runs)]
+                self._follow_runs(read_ticks(groups, self._scene.columns.count, decoder.topic), runs)
                 continue
             for at, times, numbers in groups:
-                inside = (runs[at] > 0) | ((runs[at] == 0) & (times[:, 0] >= self._first_ns))
+                keys = np.column_stack((runs[at], times[:, 0]))
+                inside = (keys[:, 0] > 0) | ((keys[:, 0] == 0) & (keys[:, 1] >= self._first_ns))
                 self.comparison.unmatched += int((~inside).sum())
                 self.comparison.outside += int((~inside).sum())
-                self._store(name, 1, runs[at][inside], times[inside, 0], np.stack(numbers, axis=1)[inside])
-        for groups, runs in ledger:
-            self._follow_block(groups, runs)
+                self._store(name, 1, keys[inside], np.stack(numbers, axis=1)[inside])
         self._compare_all()
 
     def _check_names(self) -> None:
@@ -226,7 +241,6 @@ class Resimulation:
         self._ends[self._run] = self._end_ns
         self._crawler = self._start.copy()
         self._row = self._start.row
-        self._target = self._scene.columns.target(self._start.row)
         self._run += 1
         self._begin_ns, self._last_ns, self._end_ns = 0, -1, 0
         if self._measured is not None:
@@ -234,85 +248,67 @@ class Resimulation:
         self.comparison.resets += 1
         self._send_start()
 
-    def _follow_block(self, groups: list[Any], runs: np.ndarray) -> None:
-        """Follow the ledger's messages of a block, in order."""
-        messages: list[tuple[int, int, np.ndarray, list[np.ndarray], int]] = []
-        for at, times, numbers in groups:
-            for j, place in enumerate(at.tolist()):
-                messages.append((place, int(times[j, 0]), times[j, 1:], numbers, j))
-        messages.sort(key=lambda m: m[0])
-        rows = RampRows(self._scene, self._widths)
-        for place, stamp, offsets, numbers, j in messages:
-            while self._run < runs[place]:
-                self._send(rows)
-                rows = RampRows(self._scene, self._widths)
+    def _follow_runs(self, ticks: Ticks, runs: np.ndarray) -> None:
+        """Follow ticks of a block, of the given runs."""
+        for run in np.unique(runs).tolist():
+            while self._run < run:
                 self._reset()
-            if stamp < self._begin_ns:
-                continue
-            if stamp == self._last_ns:
-                self.comparison.duplicates += 1
-                continue
-            if stamp < self._last_ns:
-                self.comparison.stopped = (
-                    f"the ledger's time goes back from {self._last_ns / NS:g} s to {stamp / NS:g} s without a reset"
-                )
-                break
-            self._tick(rows, stamp, offsets, [n[j] for n in numbers])
-        self._send(rows)
+            self._follow(ticks, np.flatnonzero(runs == run))
+            if self.comparison.stopped:
+                return
 
-    def _tick(self, rows: RampRows, stamp: int, offsets: np.ndarray, points: list[np.ndarray]) -> None:
-        if stamp > self._end_ns + 1:
-            self.comparison.missing += max(round((stamp - self._end_ns) * float(self._rate or 0) / NS), 1)
-            if self.comparison.missing_at is None:
-                self.comparison.missing_at = self._end_ns / NS
-        end = max(next_tick_ns(stamp, self._rate), stamp)
-        crawler, before = self._crawler, stamp
-        whole = crawler
-        if len(points) > 1:
-            # the node follows a tick in one call: its displacements are the sums over the ramps up to rounding
-            whole = crawler.copy()
-            whole.follow(np.array([self._scene.columns.target(np.ascontiguousarray(row)) for row in points]))
-        for number, row in enumerate(points):
-            target = self._scene.columns.target(np.ascontiguousarray(row))
-            step = crawler.follow(target[None])
-            until = min(max(stamp + int(offsets[number]), before), end)
-            ends_tick = number == len(points) - 1 and until >= end - 1  # stamps are rounded
-            until = end if ends_tick else until
-            rows.add_ramp(self._run, before, until, ends_tick, row, target, crawler, step)
-            self._row, self._target, before = row, target, until
-        if not points:
-            crawler.follow(self._target[None][:0])
-        if before < end or not points:
-            rows.add_ramp(self._run, before, end, True, self._row, self._target, crawler, None)
-        rows.read(self._readout, whole, np.nan if self._begin_ns else (end - stamp) / NS)
-        self._last_ns, self._end_ns = stamp, end
+    def _follow(self, ticks: Ticks, which: np.ndarray) -> None:
+        """Follow the ticks `which` of a run: each once, up to where time goes back."""
+        result, which = self.comparison, which[ticks.start_ns[which] >= self._begin_ns]
+        start = ticks.start_ns[which]
+        later = np.diff(start, prepend=self._last_ns)
+        back = np.flatnonzero(later < 0)[:1]
+        if back.size:
+            before, after = (start[back] - later[back])[0], start[back][0]
+            result.stopped = f"the ledger's time goes back from {before / NS:g} s to {after / NS:g} s without a reset"
+            which, later = which[: back[0]], later[: back[0]]
+        result.duplicates += int((later == 0).sum())
+        ticks = ticks.select(which[later > 0])
+        if not ticks.start_ns.size:
+            return
+        end_ns = np.maximum(next_ticks_ns(ticks.start_ns, self._rate), ticks.start_ns)
+        begin_ns = np.append(self._end_ns, end_ns[:-1])  # unless ticks are missing
+        late = np.flatnonzero(ticks.start_ns > begin_ns + 1)
+        if late.size:
+            lack = (ticks.start_ns - begin_ns)[late] * float(self._rate or 0) / NS
+            result.missing += int(np.maximum(np.rint(lack), 1).sum())
+            if result.missing_at is None:
+                result.missing_at = float(begin_ns[late[0]] / NS)
+        seconds = np.full(end_ns.size, np.nan) if self._begin_ns else (end_ns - ticks.start_ns) / NS
+        rows = RampRows(self._scene, self._widths, self._run, divide(ticks, end_ns, self._row))
+        (rows.follow_at_once if self._at_once else rows.follow_each)(self._crawler, self._readout, seconds)
+        self._row = rows.ramps.rows[-1]
+        self._last_ns, self._end_ns = int(ticks.start_ns[-1]), int(end_ns[-1])
+        self._send(rows)
 
     def _send_start(self) -> None:
         """Send the state at the start of a run to the sinks, as a ramp without duration."""
-        rows = RampRows(self._scene, self._widths)
-        rows.add_ramp(self._run, self._end_ns, self._end_ns, True, self._row, self._target, self._crawler, None)
+        at, nothing = np.array([self._end_ns]), np.zeros(0, np.int64)
+        ticks = Ticks(at, np.zeros(2, np.int64), nothing, np.empty((0, self._row.size)))
+        rows = RampRows(self._scene, self._widths, self._run, divide(ticks, at, self._row))
+        rows.add_ramp(0, self._crawler, None)
         rows.read(self._readout, self._crawler, np.nan if self._begin_ns else np.inf)
         self._send(rows)
 
     def _send(self, rows: RampRows) -> None:
-        if not rows.run:
-            return
-        ends = np.array(rows.end_ns)[np.array(rows.ends_tick)]
-        runs = np.array(rows.run)[np.array(rows.ends_tick)]
+        keys = np.column_stack((np.full(rows.ramps.end_ns.size, self._run), rows.ramps.end_ns))
         states = (np.array(rows.joints), np.array(rows.contacts), np.array(rows.poses)[:, None])
         for name, numbers in zip(STATES, states, strict=True):
-            self._store(name, 0, runs, ends, numbers)
+            self._store(name, 0, keys, numbers)
         if self._measured is not None:
-            self._measure(self._measured, runs, ends, *states[::2])
+            self._measure(self._measured, keys, *states[::2])
         piece = rows.piece(self._shown)
         for sink in self._sinks:
             sink(piece)
 
-    def _measure(
-        self, sensors: MeasuredStates, runs: np.ndarray, ends: np.ndarray, joints: np.ndarray, poses: np.ndarray
-    ) -> None:
+    def _measure(self, sensors: MeasuredStates, keys: np.ndarray, joints: np.ndarray, poses: np.ndarray) -> None:
         """Measure the states at the ends of ticks, as the node did."""
-        for run, ns, joint, pose in zip(runs, ends.tolist(), joints, poses[:, 0], strict=True):
+        for (run, ns), joint, pose in zip(keys.tolist(), joints, poses[:, 0], strict=True):
             arrived = sensors.measure(ns, joint, pose[_POSE])
             if ns == 0 and not arrived:  # in lock-step, the measurement of the start is sent before it arrives
                 arrived = [sensors.latest]
@@ -320,12 +316,12 @@ class Resimulation:
                 whole = np.zeros((1, pose.size))
                 whole[0, _POSE] = place
                 for name, numbers in zip(MEASURED, (measured, whole), strict=True):
-                    self._store(name, 0, np.array([run]), np.array([stamp]), numbers[None])
+                    self._store(name, 0, np.array([[run, stamp]]), numbers[None])
 
-    def _store(self, name: str, side: int, runs: np.ndarray, ns: np.ndarray, numbers: np.ndarray) -> None:
-        if name in self._waiting:
+    def _store(self, name: str, side: int, keys: np.ndarray, numbers: np.ndarray) -> None:
+        if name in self._waiting and keys.size:
             waiting = self._waiting[name][side]
-            waiting.keys += zip(runs.tolist(), ns.tolist(), strict=True)
+            waiting.keys.append(keys)
             waiting.numbers.append(numbers)
 
     def _compare_all(self) -> None:
@@ -337,33 +333,32 @@ class Resimulation:
         ours, theirs = self._waiting[name]
         if not ours.keys or not theirs.keys:
             return
-        numbers, recorded = np.concatenate(ours.numbers), np.concatenate(theirs.numbers)
-        place = {key: i for i, key in enumerate(ours.keys)}
-        pairs = np.array([place.get(key, -1) for key in theirs.keys])
-        found = np.flatnonzero(pairs >= 0)
+        (simulated, numbers), (recorded, others) = ours.join(), theirs.join()
+        place = _find(simulated, recorded)
+        found = np.flatnonzero(place >= 0)
         if found.size:
-            self._count(name, [theirs.keys[i] for i in found], numbers[pairs[found]], recorded[found])
-        newest = max(theirs.keys)
-        left = [i for i, key in enumerate(ours.keys) if key >= newest][-_MOST_WAITING:]  # a state may be repeated
-        ours.keys, ours.numbers = [ours.keys[i] for i in left], [numbers[left]]
-        latest = max(place)
-        alone = np.flatnonzero(pairs < 0).tolist()
-        rest = [i for i in alone if theirs.keys[i] > latest][-_MOST_WAITING:]
-        self._give_up([theirs.keys[i] for i in set(alone) - set(rest)])
-        theirs.keys, theirs.numbers = [theirs.keys[i] for i in rest], [recorded[rest]]
+            self._count(name, recorded[found], numbers[place[found]], others[found])
+        ours.keep(simulated, numbers, ~_precede(simulated, _last(recorded)))  # a state may be repeated
+        rest = (place < 0) & _precede(_last(simulated), recorded)
+        theirs.keep(recorded, others, rest)
+        rest[np.flatnonzero(rest)[-_MOST_WAITING:]] = False
+        self._give_up(recorded[(place < 0) & ~rest])
 
-    def _give_up(self, keys: list[tuple[int, int]]) -> None:
+    def _give_up(self, keys: np.ndarray) -> None:
         """Count states without a counterpart; a recording may end between the ledger of a tick and its states."""
-        for run, ns in keys:
-            end = self._ends.get(run, self._end_ns if run == self._run else ns)
-            self.comparison.outside += end < ns <= next_tick_ns(end, self._rate) + 1
-        self.comparison.unmatched += len(keys)
+        self._ends[self._run] = self._end_ns
+        for run in np.unique(keys[:, 0]).tolist():
+            if run in self._ends:
+                ns, end = keys[keys[:, 0] == run, 1], self._ends[run]
+                most = next_ticks_ns(np.array([end]), self._rate)[0] + 1
+                self.comparison.outside += int(((end < ns) & (ns <= most)).sum())
+        self.comparison.unmatched += keys.shape[0]
 
-    def _count(self, name: str, keys: list[tuple[int, int]], ours: np.ndarray, theirs: np.ndarray) -> None:
+    def _count(self, name: str, keys: np.ndarray, ours: np.ndarray, theirs: np.ndarray) -> None:
         result = self.comparison
-        result.compared += len(keys)
+        result.compared += keys.shape[0]
         if name == next(iter(self._waiting)):
-            result.ticks += len(keys)
+            result.ticks += keys.shape[0]
         size = np.nan_to_num(np.abs(theirs), nan=0.0)
         result.max_length = max(result.max_length, float(size[:, 0].max(initial=0.0)))
         result.max_force = max(result.max_force, float(size[:, 2:].max(initial=0.0)))
@@ -373,13 +368,36 @@ class Resimulation:
         apart = np.nan_to_num(np.abs(ours - theirs), nan=0.0)
         result.max_difference = max(result.max_difference, float(apart[:, 0].max()))
         result.max_force_difference = max(result.max_force_difference, float(apart[:, 2:].max(initial=0.0)))
-        differing = np.flatnonzero(wrong.any(axis=(1, 2))).tolist()
-        row = min(differing, key=lambda i: keys[i])
-        first = (*keys[row], _COMPARED.index(name))
+        run, ns, row = min((*keys[i].tolist(), i) for i in np.flatnonzero(wrong.any(axis=(1, 2))).tolist())
+        first = (run, ns, _COMPARED.index(name))
         if self._first_key is None or first < self._first_key:
-            self._first_key, result.first_difference = first, keys[row][1] / NS
+            self._first_key, result.first_difference = first, ns / NS
             quantity, place = (int(v) for v in np.argwhere(wrong[row])[0])
             label = ((self._decoders[name].names or ()) + _AXES)[place]
             what = ("position", "velocity", "effort")[quantity]
             pair = f"recorded {theirs[row, quantity, place]:.17g}, simulated {ours[row, quantity, place]:.17g}"
             result.first_where = f"{name} {label} {what}: {pair}"
+
+
+def _find(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Find where each of the `wanted` keys, (M, 2), is last among `keys`, (K, 2) in order; -1 where it is not."""
+    place = np.full(wanted.shape[0], -1)
+    for run in np.unique(wanted[:, 0]).tolist():
+        begin, end = np.searchsorted(keys[:, 0], (run, run + 1))
+        mine = np.flatnonzero(wanted[:, 0] == run)
+        at = begin - 1 + np.searchsorted(keys[begin:end, 1], wanted[mine, 1], side="right")
+        there = (at >= begin) & (keys[at, 1] == wanted[mine, 1])
+        place[mine[there]] = at[there]
+    return place
+
+
+def _precede(keys: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Determine which keys come before others, shape (..., 2) each."""
+    same = keys[..., 0] == others[..., 0]
+    return np.where(same, keys[..., 1] < others[..., 1], keys[..., 0] < others[..., 0])
+
+
+def _last(keys: np.ndarray) -> np.ndarray:
+    """Return the last of some keys, shape (K, 2)."""
+    newest = keys[keys[:, 0] == keys[:, 0].max()]
+    return newest[newest[:, 1].argmax()]
