@@ -27,7 +27,14 @@ class Ticks:
     rows: np.ndarray
 
     def select(self, which: np.ndarray) -> Ticks:
-        """Select ticks, in the order of their indices `which`."""
+        """Select ticks.
+
+        Args:
+            which: their indices, shape (J,).
+
+        Returns:
+            The ticks in this order.
+        """
         counts = np.diff(self.first)[which]
         first = np.append(0, np.cumsum(counts))
         points = np.arange(first[-1]) + np.repeat(self.first[which] - first[:-1], counts)
