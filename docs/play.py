@@ -17,7 +17,7 @@ from crawler_model import load_scene  # noqa: E402
 from tests.lab.play.pages import browsing, open_page, served  # noqa: E402
 
 FOLDER = ROOT / "docs" / "pictures" / "play"
-SIZE = {"width": 1200, "height": 1060}
+SIZE = {"width": 1440, "height": 900}
 
 
 def photograph() -> None:
@@ -31,7 +31,7 @@ def photograph() -> None:
                 page.set_viewport_size(SIZE)
                 page.wait_for_timeout(500)
                 shot = Image.open(io.BytesIO(page.screenshot()))
-                shot.convert("RGB").quantize(64).save(FOLDER / f"{name}.png", optimize=True)
+                shot.convert("RGB").quantize(128, kmeans=1).save(FOLDER / f"{name}.png", optimize=True)
                 page.close()
 
 

@@ -134,7 +134,7 @@ class Console(Robot):
         return find_command(self.scene, self._read("joint_states"), row)
 
     def receive(self, message: dict[str, Any]) -> None:
-        """Obey a message of the page that has the hand; after a hold, the ramp begins at the command in force.
+        """Obey a message of the page in control; after a hold, the ramp begins at the command in force.
 
         Raises:
             CommandError: if a value is out of range, or no robot answers.

@@ -13,7 +13,7 @@ from crawler_model import CommandError, Scene
 from crawler_model.body.drive import wave
 from crawler_model.body.turning import check_sides
 
-from .sliders import SLOPE, list_controls, round_up
+from .sliders import SLOPE, list_controls, plain_name, round_up
 
 Mode = Literal["hand", "scene", "wave"]
 _STEEPEST, _FASTEST = 60.0, 100.0
@@ -240,11 +240,32 @@ class Controls:
         return [
             {
                 **asdict(control),
+                "title": plain_name(control.name),
                 "driven": bool(driven & set(control.columns)),
                 "waved": bool(waved & set(control.columns)),
             }
             for control in self.controls.values()
         ]
+
+    def grips(self) -> list[tuple[list[str], float]]:
+        """Find what pulls at each spring.
+
+        Returns:
+            For each spring the names of the controls of its length, of a vector spring those of both components, and
+            the length by which all that they move grows per unit of them [m]. No names where a body that turns has a
+            spring that neither its drive nor a wave moves: it is a rod.
+        """
+        body, columns = self.scene.body, self.scene.columns
+        names = {column: control.name for control in self.controls.values() for column in control.columns}
+        each = body.lengths // body.springs if body.turning is None else 1
+        index, factor = columns.index[: body.springs * each], columns.factor[: body.springs * each]
+        moved = set(self._driven.tolist()) | set(self._waved.tolist()) if body.turning is not None else set(names)
+        found = []
+        for k in range(body.springs):
+            own = [int(column) for column in index[each * k : each * (k + 1)] if int(column) in moved]
+            reach = float(factor[index == own[0]].sum()) if own else 1.0
+            found.append(([names[column] for column in own], reach))
+        return found
 
     def values(self, settings: Settings, row: np.ndarray) -> list[float]:
         """Read the controls.

@@ -39,6 +39,7 @@ class Robot(ABC):
         modes = [mode for mode in ("hand", "scene", "wave") if mode != "scene" or not self.scene.drive.holds]
         controls = self.controls.describe()
         about = {"controls": controls, "modes": modes, "keeps": self.keeps, "simulated": self.simulated}
+        about["grips"] = self.controls.grips()
         return {**self.view.describe_scene(), **about}
 
     def show(self, settings: Settings, row: np.ndarray, instant: Instant) -> dict[str, Any]:
@@ -72,11 +73,11 @@ class Robot(ABC):
             state: how each contact slid, shape (N,).
 
         Returns:
-            The time, the net translation along x, and a letter for each shown contact: f forward, b back, x both,
-            . held.
+            The time, the net translation along each axis, and a letter for each shown contact: f forward, b back,
+            x both, . held.
         """
         marks = "".join(_MARKS[int(one)] for one in state[self.view.shown])
-        return [time, float(np.atleast_1d(net)[0]), marks]
+        return [time, np.atleast_1d(net).tolist(), marks]
 
     @property
     @abstractmethod
@@ -108,7 +109,7 @@ class Robot(ABC):
 
     @abstractmethod
     def receive(self, message: dict[str, Any]) -> None:
-        """Obey a message of the page that has the hand.
+        """Obey a message of the page in control.
 
         Args:
             message: "set", "mode", "wave" as for `Controls.change`, "play", "speed", and for a simulated crawler
@@ -130,7 +131,7 @@ class Robot(ABC):
         raise CommandError(f"lesson: {name}; only a simulated crawler opens lessons, start it without --ros")
 
     def hold(self, reason: str) -> None:  # noqa: B027
-        """Stop, as the page that has the hand is lost; a simulated crawler goes on, and loses nothing.
+        """Stop, as the page in control is lost; a simulated crawler goes on, and loses nothing.
 
         Args:
             reason: why.

@@ -1,4 +1,4 @@
-"""The page on 127.0.0.1: it shows one robot to many pages, and obeys the one that has the hand.
+"""The page on 127.0.0.1: it shows one robot to many pages, and obeys the one in control.
 
 Every request needs the token of the printed address, its own host name, and no foreign origin: a page elsewhere in the
 same browser can then neither read nor move a robot, not even with a name that leads to 127.0.0.1 (DNS rebinding).
@@ -33,7 +33,7 @@ FRAMES = 30.0
 _IDLE = 0.25
 """Time after which a frame is sent even if nothing happened [s]; its answer shows that the page still lives."""
 _SILENT = 1.0
-"""Time without an answer after which the page that has the hand counts as lost [s]."""
+"""Time without an answer after which the page in control counts as lost [s]."""
 _REPLACED = 4001
 """Code with which a page is closed that was opened again, after a gap in the network or in another window."""
 _MOST_BYTES = 1 << 20
@@ -136,10 +136,9 @@ class Server:
         """Send the page: one file, without anything from elsewhere."""
         nonce = secrets.token_urlsafe(12)
         folder = resources.files("crawler_lab.play") / "page"
-        style, script, text = (
-            (folder / name).read_text(encoding="utf-8") for name in ("play.css", "play.js", "play.html")
-        )
-        text = text.replace("NONCE", nonce).replace("/*STYLE*/", style).replace("/*SCRIPT*/", script)
+        names = ("play.html", "play.css", "pictures.js", "play.js")
+        text, style, *scripts = ((folder / name).read_text(encoding="utf-8") for name in names)
+        text = text.replace("NONCE", nonce).replace("/*STYLE*/", style).replace("/*SCRIPT*/", "".join(scripts))
         policy = (
             f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; "
             "img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -179,11 +178,11 @@ class Server:
             sender.cancel()
             self.clients.remove(client)
             if self._holder() is None:
-                self.robot.hold("the page that has the hand was closed")
+                self.robot.hold("the page in control was closed")
         return socket
 
     def _holder(self) -> Client | None:
-        """Find the page that has the hand, if it is open."""
+        """Find the page in control, if it is open."""
         return next((client for client in self.clients if client.name == self.hand), None)
 
     async def _receive(self, client: Client, text: str) -> None:
@@ -202,15 +201,15 @@ class Server:
             client.seen = max(client.seen, message["seen"] if type(message["seen"]) is int else 0)
             self._notify()
             return
-        # a request: anybody may take the hand or ask for a link, all else is for who has it
+        # a request: anybody may take control or ask for a link, all else is for who has it
         try:
             if message.get("take"):
-                self.robot.hold("another page took the hand")
+                self.robot.hold("another page took control")
                 self.hand = client.name
             elif message.get("link"):
                 await client.socket.send_json({"link": self.robot.link()})
             elif client.name != self.hand:
-                raise CommandError("another page has the hand; take it first")
+                raise CommandError("another page controls it; take control first")
             elif "lesson" in message:
                 self.robot = await asyncio.to_thread(self.robot.open_lesson, str(message["lesson"]))
             else:
@@ -220,7 +219,7 @@ class Server:
         self._notify()
 
     async def _run(self) -> None:
-        """Let time pass, and hold when the page that has the hand falls silent."""
+        """Let time pass, and hold when the page in control falls silent."""
         before = due = time.monotonic()
         while True:
             due = max(due + 1.0 / FRAMES, before)
@@ -230,7 +229,7 @@ class Server:
             before = now
             holder = self._holder()
             if holder is not None and now - holder.heard > _SILENT:
-                self.robot.hold("the page that has the hand is silent")
+                self.robot.hold("the page in control is silent")
             self._notify()
 
     def _notify(self) -> None:

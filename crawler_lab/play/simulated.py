@@ -43,7 +43,9 @@ class Simulated(Robot):
         """Describe what does not change, with the lessons."""
         lesson = None if self.lesson is None else asdict(self.lesson)
         titles = {lesson.name: lesson.title for lesson in read_lessons().values()}
-        return {**super().describe(), "lesson": lesson, "lessons": titles}
+        drive = self.scene.drive
+        period = float(drive.times[-1]) if drive.period is None else drive.period
+        return {**super().describe(), "lesson": lesson, "lessons": titles, "period": period}
 
     def open_lesson(self, name: str) -> Simulated:
         """Prepare a session at the instant of a lesson."""
@@ -80,6 +82,7 @@ class Simulated(Robot):
             "work": work,
             "dissipation": dissipation,
             "jump_loss": lost,
+            "stored": crawler.stored,
             "words": self.view.tell(instant, tick.unique, tick.jumps),
             "error": session.error,
             **self.show(session.settings, tick.base, instant),
@@ -104,7 +107,7 @@ class Simulated(Robot):
         self.session.run(seconds)
 
     def receive(self, message: dict[str, Any]) -> None:
-        """Obey a message of the page that has the hand."""
+        """Obey a message of the page in control."""
         session = self.session
         session.error = ""
         if {"set", "mode", "wave"} & set(message):

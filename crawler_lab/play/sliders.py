@@ -92,3 +92,15 @@ def round_up(value: float) -> float:
         return 1.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.ceil(value / digit - 1e-9) * digit:.2g}")
+
+
+def plain_name(name: str) -> str:
+    """Write the name of a command in plain words.
+
+    Args:
+        name: such as "contact_0/forward".
+
+    Returns:
+        Such as "foot 0, forward".
+    """
+    return name.replace("contact_", "foot ").replace("_", " ").replace("/", ", ")

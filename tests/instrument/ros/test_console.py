@@ -64,7 +64,7 @@ def test_it_moves_a_simulator_in_a_straight_ramp_by_the_exact_amount(tmp_path):
 
     async def work(page: Any) -> None:
         await next_frame(page, shows("1 listener"))
-        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all feet hold"))
         there = pytest.approx(expected.displacement[1], abs=1e-12)
         frame = await command(page, {"link_0": 0.05}, lambda frame: frame["x"][1] == there)
         assert frame["x"][0] == 0.0
@@ -148,7 +148,7 @@ def test_it_shows_every_slip_though_many_come_between_two_frames(tmp_path, monke
 def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
     async def work(page: Any) -> None:
         await next_frame(page, shows("1 listener"))
-        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all feet hold"))
         await command(page, {"link_0": 0.1}, lambda frame: frame["values"][0] == 0.1 and lengths()[-1:] == [0.1])
         assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
         frame = await next_frame(page, shows("holds: the robot began anew"))
@@ -170,7 +170,7 @@ def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
 def test_it_holds_when_the_robot_does_not_answer(tmp_path):
     async def work(page: Any) -> None:
         await next_frame(page, shows("1 listener"))
-        await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+        await next_frame(page, lambda frame: frame["words"].startswith("all feet hold"))
         assert ros.call("/crawler/pause", "std_srvs/srv/SetBool", data=True).success
         await page.send_json({"set": {"link_0": 0.3}})
         await next_frame(page, shows("holds: the robot does not answer"))
@@ -239,7 +239,7 @@ def test_it_tells_who_else_commands(tmp_path):
 
 def test_it_holds_when_the_page_is_killed(tmp_path):
     async def watch(page: Any) -> float:
-        frame = await next_frame(page, shows("holds: the page that has the hand was closed"))
+        frame = await next_frame(page, shows("holds: the page in control was closed"))
         sent, first = frame["console"][0].split()[0], frame["seen"]
         later = await next_frame(page, lambda later: later["seen"] > first + 300)
         # for three seconds, at a hundred states each; the ramp would have taken one
@@ -251,14 +251,14 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
         address = start(ros)
         with browsing() as browser:
             page = open_page(browser, address)
-            wait_until(lambda: page.evaluate("frame.words.startsWith('all contacts hold')"), what="states")
+            wait_until(lambda: page.evaluate("frame.words.startsWith('all feet hold')"), what="states")
             wait_until(lambda: page.evaluate("frame.console.join().includes('1 listener')"), what="a listener")
-            shown = [
-                text for text in ("Copy link", "Instant", "work", "Lessons") if page.get_by_text(text).is_visible()
-            ]
-            assert shown == []  # a robot has no other instant, and no sensor measures its work
-            page.get_by_label("link_0 in m").fill("0.14")
-            page.get_by_label("link_0 in m").press("Enter")
+            assert not [part for part in ("keep", "seeking", "lessons") if page.locator(f"#{part}").is_visible()]
+            assert (
+                page.get_by_text("work [J]").count() == 0
+            )  # a robot has no other instant, and no sensor measures its work
+            page.get_by_label("link 0 in m").fill("0.14")
+            page.get_by_label("link 0 in m").press("Enter")
             wait_until(
                 lambda: page.evaluate("parseInt(frame.console[0]) > 0"),
                 what="commands that move it",
@@ -279,9 +279,9 @@ def test_it_holds_when_the_page_falls_silent(tmp_path):
             async with aiohttp.ClientSession() as client:
                 live = address.replace("/?", "/live?")
                 async with client.ws_connect(live + "&name=a") as page, client.ws_connect(live + "&name=b") as other:
-                    await next_frame(page, lambda frame: frame["words"].startswith("all contacts hold"))
+                    await next_frame(page, lambda frame: frame["words"].startswith("all feet hold"))
                     await page.send_json({"mode": "wave", "play": True})
-                    frame = await next_frame(other, shows("holds: the page that has the hand is silent"))
+                    frame = await next_frame(other, shows("holds: the page in control is silent"))
                     sent, first = frame["console"][0].split()[0], frame["seen"]
                     later = await next_frame(other, lambda later: later["seen"] > first + 300)
                     assert later["console"][0].split()[0] == sent

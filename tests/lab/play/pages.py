@@ -85,8 +85,9 @@ def browsing() -> Iterator[Any]:
 
 
 def open_page(browser: Any, address: str, **options: Any) -> Any:
-    """Open a page and wait until it has drawn; an error of its script fails the test."""
-    context = browser.new_context(accept_downloads=True, viewport={"width": 1400, "height": 1000}, **options)
+    """Open a page, which does not play by itself, and wait until it has drawn; an error of its script fails the test."""
+    options = {"viewport": {"width": 1400, "height": 1000}, "reduced_motion": "reduce", **options}
+    context = browser.new_context(accept_downloads=True, **options)
     page = context.new_page()
     page.problems = []
     page.on("pageerror", lambda error: page.problems.append(str(error)))

@@ -47,31 +47,36 @@ def test_a_slider_moves_the_body_by_the_exact_amount(play):
     scene = load_scene("two_contacts_anisotropic")
     with served(Simulated(scene)) as server:
         page = play(server)
-        page.get_by_role("radio", name="hand").click()
-        page.get_by_label("link_0 in m").fill("0.0625")
-        page.get_by_label("link_0 in m").press("Enter")
+        page.get_by_label("link 0 in m").fill("0.0625")
+        page.get_by_label("link 0 in m").press("Enter")
         wait_until(lambda: tick_of(server) == 1, "a tick")
         crawler = Crawler(scene)
         crawler.advance([0.0625])
         assert server.ask(lambda: server.robot.session.crawler.displacement.tolist()) == crawler.displacement.tolist()
         wait_until(lambda: page.evaluate("frame.x") == crawler.displacement.tolist(), "the same numbers in the page")
-        page.locator("#words", has_text="contact 1 slides forward; 0 holds").wait_for()
-        slider = page.get_by_label("link_0, slider")
+        page.locator("#words", has_text="foot 1 slides forward; 0 holds").wait_for()
+        slider = page.get_by_label("link 0, slider")
         wait_until(lambda: float(slider.input_value()) == 0.0625, "the slider that follows the field")
 
 
-def test_a_drag_moves_the_link_that_is_grabbed_and_undo_returns(play):
+def drag(page: Any, link: int, way: int) -> None:
+    """Grab a link in its middle and drag it by some pixels."""
+    (ax, ay), (bx, by) = page.evaluate(f"extent.springs[{link}].map(p => turned(p))")
+    box = page.locator("#body").bounding_box()
+    x, y = box["x"] + (ax + bx) / 2, box["y"] + (ay + by) / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + way, y, steps=4)
+    page.mouse.up()
+
+
+def test_a_drag_takes_over_from_the_drive_and_moves_the_link_that_is_grabbed_and_undo_returns(play):
     with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
         page = play(server)
-        page.keyboard.press("1")
-        wait_until(lambda: page.get_by_label("hand").is_checked(), "the hand")
-        box = page.locator("#body").bounding_box()
-        (ax, y), (bx, _) = page.evaluate("extent.points.slice(1, 3)")
+        page.locator("#hint", has_text="Play, or drag a link").wait_for()
         scale = page.evaluate("extent.eye.scale")
-        page.mouse.move(box["x"] + (ax + bx) / 2, box["y"] + y)
-        page.mouse.down()
-        page.mouse.move(box["x"] + (ax + bx) / 2 + 40, box["y"] + y, steps=4)
-        page.mouse.up()
+        drag(page, 1, 40)
+        wait_until(lambda: page.get_by_role("radio", name="you").is_checked(), "the hand that leads")
         lengths = wait_until(
             lambda: (found := server.ask(lambda: server.robot.session.crawler.actuation.tolist()))[1] and found,
             "the link",
@@ -93,12 +98,13 @@ def test_what_is_saved_simulates_to_the_same_displacement_to_the_bit(play, tmp_p
         page = play(server)
         page.get_by_role("button", name="Play").click()
         wait_until(lambda: tick_of(server) > 30, "some ticks")
-        page.get_by_role("radio", name="wave").click()
+        page.get_by_role("radio", name="a wave").click()
         page.get_by_label("amplitude").fill("0.06")
         page.get_by_label("amplitude").press("Enter")
         wait_until(lambda: server.ask(lambda: server.robot.session.tick.settings.wave.amplitude) == 0.06, "the wave")
         page.get_by_role("button", name="Pause").click()
         page.get_by_role("button", name="Play").wait_for()
+        page.get_by_text("Save", exact=True).click()
         for kind in ("scene", "recording", "picture", "film"):
             with page.expect_download() as saved:
                 page.get_by_role("button", name=f"Save {kind}").click()
@@ -146,7 +152,7 @@ def test_a_keyboard_is_enough(play):
         page.keyboard.press("r")
         wait_until(lambda: tick_of(server) == 0, "the start")
         page.keyboard.press("1")
-        wait_until(lambda: page.get_by_label("hand").is_checked(), "the hand")
+        wait_until(lambda: page.get_by_role("radio", name="you").is_checked(), "the hand")
         reached = set()
         for _ in range(60):
             page.keyboard.press("Tab")
@@ -155,7 +161,7 @@ def test_a_keyboard_is_enough(play):
                     "document.activeElement.id || document.activeElement.ariaLabel || document.activeElement.textContent"
                 )
             )
-            if "link_0, slider" in reached:
+            if "link 0, slider" in reached:
                 break
         page.keyboard.press("ArrowRight")
         step = page.evaluate("(scene.controls[0].most - scene.controls[0].least) / 100")
@@ -178,13 +184,17 @@ def test_a_lesson_opens_in_the_running_page_and_its_steps_are_there(play):
         page.get_by_role("button", name=lesson.title).press("Enter")
         page.get_by_role("heading", name=lesson.title).wait_for()
         assert page.evaluate("document.activeElement.textContent") == lesson.title  # from there Tab goes on
-        assert page.locator("#lesson li").all_inner_texts() == list(lesson.steps)
+        assert page.locator("#lesson li").all_text_contents() == list(lesson.steps)
+        shown = page.locator("#lesson li:visible")
+        for step in lesson.steps:
+            assert shown.all_inner_texts() == [step]
+            page.get_by_role("button", name="Next step").click(force=True)
         session = Session(load_scene(lesson.scene))
         session.restore(lesson.state)
         wait_until(lambda: page.evaluate("frame && frame.x") == session.crawler.displacement.tolist(), "its instant")
-        page.get_by_label("link_0 in m").fill("1")
-        page.get_by_label("link_0 in m").press("Enter")
-        page.locator("#words", has_text="link_0 is stalled").wait_for()
+        page.get_by_label("link 0 in m").fill("1")
+        page.get_by_label("link 0 in m").press("Enter")
+        page.locator("#words", has_text="link 0 is stalled").wait_for()
 
 
 def test_reloading_keeps_the_hand_and_the_past(play):
@@ -202,7 +212,7 @@ def test_a_link_that_waits_for_the_hand_is_announced(play):
         first, other = play(server), play(server)
         other.evaluate("history.replaceState(null, '', location.pathname + location.search + '#state=x')")
         first.keyboard.press(".")
-        other.locator("#error", has_text="this link replaces the session as soon as you take the hand").wait_for()
+        other.locator("#error", has_text="this link replaces the session as soon as you take control").wait_for()
 
 
 def test_nothing_comes_from_elsewhere_and_no_other_page_can_move_it(play, browser):
@@ -221,22 +231,72 @@ def test_nothing_comes_from_elsewhere_and_no_other_page_can_move_it(play, browse
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1400, 390])
+@pytest.mark.parametrize("width", [1440, 420])
 def test_every_kind_of_body_is_drawn_in_light_and_dark_wide_and_narrow(play, scheme, width):
     names = ("three_contacts_two_ways", "payload_climber", "planar_three_points", "steering_inchworm")
-    for name in names if width == 1400 else names[:1]:
+    for name in names if width == 1440 else names[::3]:
         with served(Simulated(load_scene(name))) as server:
             page = play(server, color_scheme=scheme)
             page.set_viewport_size({"width": width, "height": 900})
             page.keyboard.press(" ")
             wait_until(lambda: tick_of(server) > 20, "motion")
             assert page.evaluate("document.documentElement.scrollWidth") <= width
+            if width == 1440:  # all pictures are seen at once
+                assert page.evaluate("document.documentElement.scrollHeight") <= 900
+            else:  # the body stays in sight of the sliders
+                page.locator("#controls input").last.scroll_into_view_if_needed()
+                assert page.locator("#body").bounding_box()["y"] >= 0.0
             shades = page.evaluate(
                 "new Set(new Uint32Array(at('body').getContext('2d').getImageData(0, 0, at('body').width, at('body').height).data.buffer)).size"
             )
             assert shades > 3
             dark = page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 25, 28)"
             assert dark == (scheme == "dark")
+
+
+def test_a_page_plays_a_first_period_and_then_invites_and_a_drag_takes_over_while_it_plays(play):
+    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+        page = play(server, reduced_motion="no-preference")
+        page.locator("#hint", has_text="Its drive moves it: drag a link to take over").wait_for()
+        page.locator("#hint", has_text="Play, or drag a link").wait_for()
+        assert tick_of(server) >= 100
+        assert not server.ask(lambda: server.robot.session.playing)
+        page.keyboard.press(" ")
+        wait_until(lambda: page.evaluate("frame.playing"), "the drive")
+        before = page.evaluate("frame.tick")
+        drag(page, 0, 60)
+        wait_until(lambda: page.evaluate(f"frame.mode == 'hand' && frame.playing && frame.tick > {before}"), "the hand")
+        page.locator("#hint").wait_for(state="hidden")
+
+
+def test_picture_and_sentence_change_together(play):
+    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+        page = play(server)
+        page.evaluate(
+            "window.pairs = []; const sent = send;"
+            "send = message => { if (message.seen) pairs.push([at('words').textContent, frame.words]); sent(message); }; 0"
+        )
+        page.keyboard.press(" ")
+        pairs = wait_until(lambda: len(found := page.evaluate("pairs")) > 40 and found, "forty pictures")
+        assert all(told == drawn for told, drawn in pairs)
+        assert len({told for told, _ in pairs}) > 5
+
+
+def test_a_body_that_turns_has_a_path_a_heading_and_its_passive_sliders_in_a_group(play):
+    with served(Simulated(load_scene("steering_inchworm"))) as server:
+        page = play(server)
+        page.keyboard.press(" ")
+        wait_until(lambda: tick_of(server) > 40, "motion")
+        page.keyboard.press(" ")
+        wait_until(lambda: page.evaluate(f"!frame.playing && past.length == {tick_of(server)}"), "a pause")
+        path = page.evaluate("past.map(p => p[1])")
+        assert path[-1] == page.evaluate("frame.net") == server.ask(lambda: server.robot.session.tick.net.tolist())
+        heading = page.locator("#numbers div", has_text="heading [°]").locator("dd")
+        told = np.degrees(server.ask(lambda: server.robot.session.crawler.yaw))
+        wait_until(lambda: float(heading.inner_text()) == pytest.approx(told, rel=5e-3), "the heading")
+        groups = page.locator("#controls details")
+        assert [group.locator(".control").count() for group in groups.all()] == [2, 6, 16]
+        assert [group.get_attribute("open") is not None for group in groups.all()] == [True, False, False]
 
 
 def test_a_hundred_contacts_are_drawn(play):

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("aiohttp")
 
 import aiohttp
+import numpy as np
 
 from crawler_lab.play.server import Server
 from crawler_lab.play.simulated import Simulated
@@ -94,7 +95,7 @@ def test_many_pages_see_one_robot_and_one_has_the_hand():
             assert (await next_frame(first))["hand"]
             assert not (await next_frame(second))["hand"]
             await second.send_json({"step": 1})
-            assert await complaint(second) == "another page has the hand; take it first"
+            assert await complaint(second) == "another page controls it; take control first"
             await first.send_json({"step": 1})
             seen = [await next_frame(page, lambda frame: frame["tick"] == 1) for page in (first, second)]
             assert seen[0]["x"] == seen[1]["x"]
@@ -106,7 +107,7 @@ def test_many_pages_see_one_robot_and_one_has_the_hand():
             assert frame["pages"] == 2
             await next_frame(first, lambda frame: not frame["hand"])
             await first.send_json({"play": True})
-            assert "another page has the hand" in await complaint(first)
+            assert "another page controls it" in await complaint(first)
 
     serve(work)
 
@@ -121,7 +122,7 @@ def test_a_lesson_opens_in_all_pages_even_in_one_that_had_not_answered():
             while server.robot.session.now < 10 or next(c for c in server.clients if c.name == "slow").sent < 2:
                 await next_frame(page)
             await slow.send_json({"lesson": "slack_tendon"})
-            assert "another page has the hand" in await complaint_unanswered(slow)
+            assert "another page controls it" in await complaint_unanswered(slow)
             await page.send_json({"lesson": "slack_tendon"})
             for one in (page, slow):
                 while "scene" not in (message := await one.receive_json()) or message["scene"]["name"] != "tendon_worm":
@@ -130,7 +131,7 @@ def test_a_lesson_opens_in_all_pages_even_in_one_that_had_not_answered():
                 frame = await next_frame(one)
                 assert frame["fresh"]
                 assert len(frame["x"]) == len(message["scene"]["contacts"])
-                assert frame["words"].endswith("link_0 is slack")
+                assert frame["words"].endswith("link 0 is slack")
 
     async def complaint_unanswered(page: Any) -> str:
         while "error" not in (message := await page.receive_json()) or "frame" in message:
@@ -241,14 +242,18 @@ def test_no_name_of_a_scene_leads_out_of_the_folder_of_what_is_kept(tmp_path, na
 
 def test_words_tell_what_happens():
     robot = Simulated(load_scene("two_contacts_anisotropic"))
-    assert robot.frame()["words"] == "all contacts hold; margin 0.2 N (contact 0, nearest to sliding forward)"
+    assert robot.frame()["words"] == "all feet hold; margin 0.2 N (foot 0, nearest to sliding forward)"
     robot.receive({"mode": "hand"})
     robot.receive({"set": {"link_0": 0.02}})
-    assert robot.frame()["words"] == "contact 1 slides forward; 0 holds; margin 0.3 N"
+    assert robot.frame()["words"] == "foot 1 slides forward; 0 holds; margin 0.3 N"
+    segment = Simulated(load_scene("continuous_segment"))
+    for _ in range(20):
+        segment.receive({"step": 1})
+    assert segment.frame()["words"] == "feet 10 to 38 slide forward; feet 0 to 9 slide back"
     slack = Simulated(load_scene("tendon_worm"))
     slack.receive({"mode": "hand"})
     slack.receive({"set": {"link_0": 0.5}})
-    assert slack.frame()["words"].endswith("link_0 is slack")
+    assert slack.frame()["words"].endswith("link 0 is slack")
 
 
 @pytest.mark.parametrize(
@@ -265,6 +270,23 @@ def test_the_sentence_names_the_way_in_which_the_nearest_contact_slides(load, li
     robot = Simulated(load_scene("slope_climber"))
     robot.receive({"mode": "hand"})
     robot.receive({"set": {"contact_0/load": load, "link_0": link}})
-    assert robot.frame()["words"] == f"all contacts hold; margin {margin} N (contact 0, nearest to sliding {way})"
+    assert robot.frame()["words"] == f"all feet hold; margin {margin} N (foot 0, nearest to sliding {way})"
     robot.receive({"set": {"contact_0/load": load + more}})
-    assert robot.frame()["words"].startswith(f"contact 0 slides {way}; 1 holds; ")
+    assert robot.frame()["words"].startswith(f"foot 0 slides {way}; 1 holds; ")
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "three_contacts_two_ways"])
+def test_each_side_of_the_domain_is_where_its_foot_slides(name):
+    """Whenever one foot alone slides, the tensions are on its side of the domain, which has the colour of its way."""
+    robot, seen = Simulated(load_scene(name)), 0
+    for _ in range(150):
+        robot.receive({"step": 1})
+        frame = robot.frame()
+        for direction, foot, a, b in frame["sides"] if np.count_nonzero(frame["state"]) == 1 else []:
+            if frame["state"][foot] == direction:
+                a, b, point = (np.array(p) for p in (a, b, frame["tension"]))
+                part = (point - a) @ (b - a) / max((b - a) @ (b - a), 1e-300)
+                assert point == pytest.approx(a + part * (b - a), abs=1e-9)
+                assert -1e-9 <= part <= 1.0 + 1e-9
+                seen += 1
+    assert seen > 30

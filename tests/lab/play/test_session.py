@@ -14,6 +14,7 @@ import crawler_lab.play
 from crawler_lab.play.export import KEPT, write_scene
 from crawler_lab.play.lessons import read_lessons
 from crawler_lab.play.session import MOST_TICKS, Session
+from crawler_lab.play.simulated import Simulated
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate
 from crawler_ros.replay import simulate_again
 
@@ -300,3 +301,18 @@ def test_a_session_ends_where_its_memory_ends(monkeypatch):
     with pytest.raises(CommandError, match="3 ticks are remembered at most"):
         session.step()
     assert MOST_TICKS == 360_000
+
+
+@pytest.mark.parametrize(
+    "name", ["three_contacts_two_ways", "continuous_segment", "planar_rectilinear", "steering_inchworm"]
+)
+def test_what_is_dragged_grows_by_the_way_of_the_pointer(name):
+    robot = Simulated(load_scene(name))
+    for names, reach in robot.controls.grips():
+        if names:
+            before = np.array(robot.frame()["lengths"])
+            robot.receive({"mode": "hand", "set": {names[0]: 0.0625 / reach}})
+            assert sum(robot.frame()["lengths"]) - before.sum() == pytest.approx(0.0625, rel=1e-12)
+            robot.receive({"set": {names[0]: 0.0}})
+    rods = [not names for names, _ in robot.controls.grips()]
+    assert rods == ([False, False, True, True] if name == "steering_inchworm" else [False] * len(rods))
