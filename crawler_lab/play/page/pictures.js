@@ -91,6 +91,7 @@ function drawBody() {
     pen.translate(-width / 2, -GROUND * height);
   }
   (scene.planar ? drawPlane : drawTrack)(pen, width, height, eye);
+  Object.assign(extent, { eye, points: shown });
   const few = shown.length <= FEW, twins = {};
   extent.springs = scene.links.map(([a, b], k) => {
     const twin = twins[[a, b]] = (twins[[a, b]] ?? -1) + 1; // springs side by side are drawn one above the other
@@ -110,13 +111,12 @@ function drawBody() {
     shown.forEach(([x, y], i) => pen.fillText(scene.contacts[i].split(" ").pop(), x, y + 4.5));
   }
   pen.restore();
-  Object.assign(extent, { eye, points: shown });
 }
 function drawSpring(pen, p, q, k, up, few) { // returns its ends, where a person can grab it
   const [dx, dy] = [q[0] - p[0], q[1] - p[1]], length = Math.hypot(dx, dy) || 1, [ux, uy] = [dx / length, dy / length];
   const put = (s, h) => [p[0] + s * dx + h * uy, p[1] + s * dy - h * ux], mark = frame.yields[k];
   const color = mark === 1 ? colors.stalled : mark === -1 ? colors.grey : drag && drag.link === k ? colors.actuation : ink("ink");
-  const whole = frame.lengths[k] * extent.eye?.scale / length; // its length at rest, in its own
+  const whole = frame.lengths[k] * extent.eye.scale / length; // its length at rest, in its own
   if (few && whole > 0 && scene.grips[k][0].length) {
     const ends = [(1 - whole) / 2, (1 + whole) / 2], high = up + (scene.planar ? 16 : 40 + 8 * (k % 2));
     line(pen, ends.map(s => put(s, high)), colors.actuation, 2);

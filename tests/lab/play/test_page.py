@@ -70,22 +70,24 @@ def drag(page: Any, link: int, way: int) -> None:
     page.mouse.up()
 
 
-def test_a_drag_takes_over_from_the_drive_and_moves_the_link_that_is_grabbed_and_undo_returns(play):
-    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+@pytest.mark.parametrize(("name", "link"), [("three_contacts_two_ways", 1), ("payload_climber", 0)])
+def test_a_drag_takes_over_from_the_drive_and_moves_the_link_that_is_grabbed_and_undo_returns(play, name, link):
+    with served(Simulated(load_scene(name))) as server:
         page = play(server)
         page.locator("#hint", has_text="Play, or drag a link").wait_for()
         scale = page.evaluate("extent.eye.scale")
-        drag(page, 1, 40)
+        way = 40 * np.cos(np.radians(page.evaluate("frame.slope")))
+        before = server.ask(lambda: server.robot.session.crawler.actuation.tolist())
+        drag(page, link, 40)
         wait_until(lambda: page.get_by_role("radio", name="you").is_checked(), "the hand that leads")
-        lengths = wait_until(
-            lambda: (found := server.ask(lambda: server.robot.session.crawler.actuation.tolist()))[1] and found,
-            "the link",
-        )
         wait_until(
-            lambda: server.ask(lambda: server.robot.session.crawler.actuation[1]) == pytest.approx(40 / scale),
+            lambda: (
+                server.ask(lambda: server.robot.session.crawler.actuation[link])
+                == pytest.approx(before[link] + way / scale)
+            ),
             "the drag",
         )
-        assert lengths[0] == 0.0
+        assert server.ask(lambda: server.robot.session.crawler.actuation.tolist())[:link] == before[:link]
         moved = tick_of(server)
         for k in range(moved):
             page.keyboard.press("u")
@@ -213,6 +215,17 @@ def test_a_link_that_waits_for_the_hand_is_announced(play):
         other.evaluate("history.replaceState(null, '', location.pathname + location.search + '#state=x')")
         first.keyboard.press(".")
         other.locator("#error", has_text="this link replaces the session as soon as you take control").wait_for()
+
+
+def test_a_drag_without_control_is_answered(play):
+    with served(Simulated(load_scene("two_contacts_anisotropic"))) as server:
+        _, other = play(server), play(server)
+        drag(other, 0, 20)
+        other.locator("#error", has_text="another page controls it: take control first").wait_for()
+        other.get_by_role("button", name="Take control").click()
+        other.locator("#link", has_text="you control it").wait_for()
+        drag(other, 0, 20)
+        wait_until(lambda: tick_of(server) > 0, "the drag")
 
 
 def test_nothing_comes_from_elsewhere_and_no_other_page_can_move_it(play, browser):
