@@ -77,6 +77,7 @@ figures: $(READY)
 	$(BIN)/python docs/play.py
 	$(BIN)/python docs/rerun.py
 	$(BIN)/crawler animate three_contacts_two_ways --out docs/pictures/crawl.gif --fps 12 --duration 4 --force
+	for scene in three_link_snake steering_inchworm; do $(BIN)/crawler animate $$scene --talk --out docs/pictures/$$scene.mp4 --fps 15 --duration 4 --force; done
 	$(BIN)/python docs/tutorial.py
 	$(BIN)/python docs/validation.py
 

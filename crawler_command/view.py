@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -177,6 +178,9 @@ def animate(
     start: Annotated[float, typer.Option("--from", help="Simulated time at which the film begins, s.")] = 0.0,
     end: Annotated[float | None, typer.Option("--to", help="Simulated time at which it ends, s.")] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time that it shows, s; instead of --to.")] = None,
+    talk: Annotated[
+        bool, typer.Option("--talk", help="For a large room: 1920 x 1080, large letters, the body and its moving set.")
+    ] = False,
     scene: SceneOption = None,
     namespace: NamespaceOption = None,
     force: ForceOption = False,
@@ -199,7 +203,7 @@ def animate(
     end = start + duration if duration is not None else end
     if end is not None and not start < end < float("inf"):
         raise CrawlerError(f"--to: {end:g} s; it must be after the start of the film, {start:g} s")
-    write = _choose_writer(out, fps, force)
+    write = _choose_writer(out, fps, talk, force)
     if is_recording(source):
         require(*READERS)
     elif scene is not None or namespace is not None:
@@ -216,12 +220,16 @@ def animate(
     )
 
 
-def _choose_writer(out: Path, fps: float, force: bool) -> Callable[[Film, Path, float, Callable[[float], None]], None]:
+def _choose_writer(
+    out: Path, fps: float, talk: bool, force: bool
+) -> Callable[[Film, Path, float, Callable[[float], None]], None]:
     """Check the output before anything runs; return the function that writes it."""
     if out.suffix not in _SUFFIXES:
         raise CrawlerError(f"--out: {out} must end in {', '.join(_SUFFIXES[:-1])} or {_SUFFIXES[-1]}")
     check_output("--out", out, out.suffix, force)
     if out.suffix == ".html":
+        if talk:
+            raise CrawlerError(f"--talk: {out} fits the window that shows it; name an .mp4 or a .gif")
         from crawler_pictures.film.player import write_html
 
         return write_html
@@ -231,8 +239,8 @@ def _choose_writer(out: Path, fps: float, force: bool) -> Callable[[Film, Path, 
     if out.suffix == ".gif":
         if fps > _FASTEST_GIF:
             raise CrawlerError(f"--fps: {fps:g}; a .gif has at most {_FASTEST_GIF:g} frames per second")
-        return encode.write_gif
-    return encode.write_mp4
+        return partial(encode.write_gif, talk=talk)
+    return partial(encode.write_mp4, talk=talk)
 
 
 def _cut(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..style import own_style
 from .film import Film
-from .stage import Stage
+from .stage import TALK_SIZE, Stage
 
 _GIF_SIZE = (960, 540)
 _PALETTE_FRAMES = 12
@@ -19,7 +19,7 @@ _WHITE = 250
 
 
 @own_style()
-def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
+def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], None], talk: bool = False) -> None:
     """Write a film as H.264 in mp4, which every player and slide program shows.
 
     Args:
@@ -27,6 +27,7 @@ def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], No
         file: the file to write.
         fps: frames per second [Hz].
         progress: called with the fraction done, in [0, 1].
+        talk: as for `Stage`, with frames of 1920 x 1080 pixels.
 
     Raises:
         ModuleNotFoundError: when PyAV is not installed.
@@ -35,7 +36,7 @@ def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], No
 
     import av
 
-    stage = Stage(film)
+    stage = Stage(film, *TALK_SIZE, talk=True) if talk else Stage(film)
     with av.open(str(file), "w", format="mp4", options={"movflags": "+faststart"}) as container:
         stream: Any = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
         stream.width, stream.height = stage.size
@@ -49,7 +50,7 @@ def write_mp4(film: Film, file: Path, fps: float, progress: Callable[[float], No
 
 
 @own_style()
-def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], None]) -> None:
+def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], None], talk: bool = False) -> None:
     """Write a film as an endless gif; of each frame only the rectangle that changed is stored.
 
     Args:
@@ -57,10 +58,11 @@ def write_gif(film: Film, file: Path, fps: float, progress: Callable[[float], No
         file: the file to write.
         fps: frames per second, 1 .. 50; the format rounds their duration to hundredths of a second [Hz].
         progress: called with the fraction done, in [0, 1].
+        talk: as for `Stage`, with frames of 1920 x 1080 pixels.
     """
     from PIL import GifImagePlugin, Image
 
-    stage = Stage(film, *_GIF_SIZE)
+    stage = Stage(film, *(TALK_SIZE if talk else _GIF_SIZE), talk=talk)
     count = film.time.size
     some = np.unique(np.linspace(0, count - 1, _PALETTE_FRAMES).round().astype(int))
     shown = np.concatenate([stage.draw(int(k)).copy() for k in some])  # each frame is drawn into the same memory

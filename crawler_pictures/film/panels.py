@@ -278,17 +278,17 @@ def _write_marker(axes: Axes, text: str) -> Any:
 class SetPanel:
     """The moving set of the sweeping process, its sides coloured by direction, and the path of the point."""
 
-    def __init__(self, axes: Axes, film: Film, moving: MovingSet, ratio: float) -> None:
+    def __init__(self, axes: Axes, film: Film, moving: MovingSet) -> None:
         """Draw what does not move, and create what does.
 
         Args:
             axes: axes of the panel.
             film: the film.
             moving: the set and the point.
-            ratio: width of the axes over their height.
         """
         self._axes, self._set = axes, moving
-        self._left, self._right, heights = watch_set(moving.outline, ratio, film.cycle_frames)
+        box = axes.get_window_extent()
+        self._left, self._right, heights = watch_set(moving.outline, box.width / box.height, film.cycle_frames)
         self.rolling: Rolling | None = (axes, self._left, self._right) if np.ptp(self._left) > 0.0 else None
         axes.set(xlim=(self._left[0], self._right[0]), ylim=heights, xlabel=moving.labels[0], ylabel=moving.labels[1])
         axes.grid(alpha=0.3)

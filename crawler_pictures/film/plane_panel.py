@@ -23,13 +23,12 @@ _DARK, _STUCK = "#202020", "#9a9a9a"
 class PlanePanel:
     """The body in the plane from above: contacts, springs, the path of each contact and of their mean."""
 
-    def __init__(self, axes: Axes, film: Film, ratio: float) -> None:
+    def __init__(self, axes: Axes, film: Film) -> None:
         """Draw what does not move, and create what does.
 
         Args:
             axes: axes of the panel.
             film: the film.
-            ratio: width of the axes over their height.
         """
         self._axes, self._body = axes, film.scene.body
         chosen = chosen_contacts(film)
@@ -37,7 +36,8 @@ class PlanePanel:
         self._joints = chosen_springs(film, chosen)
         self.rolling: Rolling | None = None
         self._mean = film.net_translation + film.share @ film.rest
-        low, high = watch_plane(self._place, ratio)
+        box = axes.get_window_extent()
+        low, high = watch_plane(self._place, box.width / box.height)
         self._reach = float((high - low).min())
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="$x$ [m]", ylabel="$y$ [m]")
         axes.grid(alpha=0.3)

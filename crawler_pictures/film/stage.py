@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-_DPI = 100
+_WIDTH, _TALK_WIDTH = 12.8, 32.0 / 3.0
+"""Width of the figure; the letters of a narrower one are larger [inches]."""
+TALK_SIZE = (1920, 1080)
+"""Size of the frames of a film for a talk, whose smallest letters are 20 pixels high [pixels]."""
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.titlesize": 10,
@@ -45,24 +48,25 @@ class Stage:
     Callers draw frames in `own_style`, which takes as long as a frame.
     """
 
-    def __init__(self, film: Film, width: int = 1280, height: int = 720) -> None:
+    def __init__(self, film: Film, width: int = 1280, height: int = 720, talk: bool = False) -> None:
         """Draw all that does not move.
 
         Args:
             film: the run, sampled at the frames.
             width: width of the frames [pixels].
             height: height of the frames [pixels].
+            talk: whether to draw the body and its moving set alone, with larger letters.
         """
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         self._film = film
         with own_style(_STYLE):
-            scale = width / 1280.0
-            self._figure = Figure(figsize=(12.8, 12.8 * height / width), dpi=_DPI * scale)
+            inches = _TALK_WIDTH if talk else _WIDTH
+            self._figure = Figure(figsize=(inches, inches * height / width), dpi=width / inches)
             self._canvas = cast(Any, FigureCanvasAgg(self._figure))  # typed in part
             self._panels: list[Panel] = []
-            timed = self._build()
+            timed = self._build(talk)
             self._figure.text(
                 0.015, 0.965, shorten(film.scene.name), va="center", fontsize=13, weight="bold", parse_math=False
             )
@@ -115,34 +119,33 @@ class Stage:
         box, height = axes.get_window_extent(), self.size[1]
         return slice(height - round(box.y1) + 1, height - round(box.y0) - 1), round(box.x0) + 1, round(box.x1) - 1
 
-    def _build(self) -> list[Axes]:
+    def _build(self, talk: bool) -> list[Axes]:
         """Create the panels; return the axes over time."""
-        film, figure = self._film, self._figure
-        shape = figure.get_figheight() / figure.get_figwidth()
-
-        def axes(left: float, bottom: float, width: float, height: float, **more: Any) -> Axes:
-            return figure.add_axes((left, bottom, width, height), **more)
-
+        film, add = self._film, self._figure.add_axes
+        swept = None if film.planar else moving_set(film)
+        named = max(map(len, film.names)) if len(film.names) <= MOST_NAMED else 0
+        over_time: list[tuple[float, float, float, float]]
         if film.planar:
-            above = axes(0.06, 0.09, 0.52, 0.80)
-            self._panels.append(PlanePanel(above, film, 0.52 / (0.80 * shape)))
-            states, net = axes(0.66, 0.50, 0.32, 0.39), axes(0.66, 0.09, 0.32, 0.33)
+            self._panels.append(PlanePanel(add((0.07, 0.11, 0.91, 0.77) if talk else (0.06, 0.09, 0.52, 0.80)), film))
+            over_time = [] if talk else [(0.66, 0.50, 0.32, 0.39), (0.66, 0.09, 0.32, 0.33)]
         else:
-            self._panels.append(LinePanel(axes(0.03, 0.655, 0.94, 0.25), film))
-            swept = moving_set(film)
-            longest = max(map(len, film.names)) if len(film.names) <= MOST_NAMED else 0
-            wide = 0.50 if swept is not None else 0.93 - 0.008 * longest
-            states, net = axes(0.06, 0.31, wide, 0.235), axes(0.06, 0.075, wide, 0.17)
-            if swept is not None:
-                right = axes(0.645, 0.09, 0.335, 0.44)
-                self._panels.append(SetPanel(right, film, swept, 0.335 / (0.44 * shape)))
-        self._draw_states(states)
-        self._draw_net(net)
-        states.set_xlim(film.time[0], film.time[-1])
-        states.tick_params(labelbottom=False)
-        net.set_xlim(film.time[0], film.time[-1])
-        net.set_xlabel("simulated time [s]", labelpad=1)
-        return [states, net]
+            self._panels.append(LinePanel(add((0.03, 0.69, 0.94, 0.20) if talk else (0.03, 0.655, 0.94, 0.25)), film))
+            wide = 0.50 if swept is not None else 0.93 - 0.008 * named
+            over_time = [(0.06, 0.31, wide, 0.235), (0.06, 0.075, wide, 0.17)]
+            if talk:
+                over_time = [] if swept is not None else [(0.08, 0.11, 0.90 - 0.012 * named, 0.44)]
+        timed = [add(place) for place in over_time]
+        if swept is not None:
+            self._panels.append(
+                SetPanel(add((0.08, 0.11, 0.90, 0.44) if talk else (0.645, 0.09, 0.335, 0.44)), film, swept)
+            )
+        for axes, draw in zip(timed, (self._draw_states, self._draw_net), strict=False):
+            draw(axes)
+            axes.set_xlim(film.time[0], film.time[-1])
+            axes.tick_params(labelbottom=axes is timed[-1])
+        if timed:
+            timed[-1].set_xlabel("simulated time [s]", labelpad=1)
+        return timed
 
     def _draw_states(self, axes: Axes) -> None:
         """Draw the kymograph: lines at their positions on the track, or an image of many contacts and in the plane."""

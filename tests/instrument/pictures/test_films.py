@@ -32,7 +32,7 @@ from crawler_pictures.film.film import Film, film_of_run, frame_times
 from crawler_pictures.film.moving_set import moving_set
 from crawler_pictures.film.pixels import Clock
 from crawler_pictures.film.player import write_html
-from crawler_pictures.film.stage import Stage
+from crawler_pictures.film.stage import TALK_SIZE, Stage
 
 from ...golden_pictures import differences, read_figure
 from ...lab.play.pages import browsing
@@ -149,6 +149,26 @@ def test_an_mp4_has_every_frame_in_order(films, tmp_path):
     for k in (0, 5, 10):
         errors = [np.abs(picture - stage.draw(k)).mean() for picture in shown]
         assert int(np.argmin(errors)) == k
+
+
+@pytest.mark.parametrize("name", ["three_contacts_two_ways", "ten_contact_wave", "planar_three_points"])
+def test_a_film_for_a_talk_fills_a_screen_with_letters_of_twenty_pixels(films, name, tmp_path):
+    from matplotlib.text import Text
+
+    av = pytest.importorskip("av")
+    film = films[name].sample(frame_times(1.0, 1.2, 10.0, 1.0))
+    write_mp4(film, tmp_path / "x.mp4", 10.0, lambda part: None, talk=True)
+    with av.open(str(tmp_path / "x.mp4")) as container:
+        shown = [frame.to_ndarray(format="rgb24").shape for frame in container.decode(container.streams[0])]
+    assert shown == [(1080, 1920, 3)] * 3
+    stage = Stage(film, *TALK_SIZE, talk=True)
+    stage.draw(1)
+    figure = stage._figure
+    texts = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text()]
+    assert min(text.get_fontsize() * figure.dpi / 72.0 for text in texts) >= 20.0 - 1e-9
+    boxes = [text.get_window_extent() for axes in figure.axes for text in (axes.title, axes._left_title)]
+    assert all(0.0 <= box.x0 <= box.x1 <= 1920.0 for box in boxes)
+    assert len(stage._panels) + len(stage._spans) == (1 if film.planar else 2)  # the body, and its set or its contacts
 
 
 def test_a_gif_shows_every_frame_for_its_time(films, tmp_path):
@@ -308,7 +328,7 @@ def test_a_fast_film_shows_at_an_instant_what_a_slow_one_shows(tmp_path, monkeyp
     def find_slides(states: np.ndarray) -> list[list[int]]:
         return [column[np.flatnonzero(np.diff(column, prepend=0))].tolist() for column in states.T]
 
-    monkeypatch.setattr(encode, "write_gif", lambda film, *_: shot.update({round(1.0 / film.step): film}))
+    monkeypatch.setattr(encode, "write_gif", lambda film, *_, talk: shot.update({round(1.0 / film.step): film}))
     for speed in ("1", "5"):
         animate("two_anchor_b", tmp_path / f"{speed}.gif", fps=20.0, speed=float(speed), end=8.0)
     slow, fast = shot[20], shot[4]
@@ -396,6 +416,7 @@ def test_the_scene_and_the_namespace_of_a_film_can_be_named(tmp_path, capsys):
     ("arguments", "said"),
     [
         (["--out", "x.avi"], "--out: x.avi must end in .mp4, .gif or .html"),
+        (["--out", "x.html", "--talk"], "--talk: x.html fits the window that shows it; name an .mp4 or a .gif"),
         (["--out", "no/x.gif"], "no does not exist"),
         (["--out", "x.gif", "--fps", "60"], "--fps: 60; a .gif has at most 50 frames per second"),
         (["--out", "x.gif", "--speed", "0"], "--speed: 0; it must be > 0"),
