@@ -184,11 +184,11 @@ class View:
         return "nearest to sliding forward" if ahead else "nearest to sliding back"
 
     def _list(self, contacts: np.ndarray) -> str:
-        """Write a few names, of many neighbours the first and the last."""
+        """Write a few names, of neighbours the first and the last."""
         names: list[str] = []
         for run in np.split(contacts, np.flatnonzero(np.diff(contacts) > 1) + 1):
             own = [self._names[i] for i in run]
-            names += [f"{own[0]} to {own[-1]}"] if len(own) > _MOST_NAMED else own
+            names += [f"{own[0]} to {own[-1]}"] if len(own) > 2 else own
         if len(names) > _MOST_NAMED:
             return f"{', '.join(names[:_MOST_NAMED])} and others"
         return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

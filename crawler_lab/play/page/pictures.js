@@ -95,7 +95,7 @@ function drawBody() {
   const few = shown.length <= FEW, twins = {};
   extent.springs = scene.links.map(([a, b], k) => {
     const twin = twins[[a, b]] = (twins[[a, b]] ?? -1) + 1; // springs side by side are drawn one above the other
-    return drawSpring(pen, shown[a], shown[b], k, (scene.planar ? 0 : 16 * (Math.abs(b - a) - 1)) + 22 * twin, few);
+    return drawSpring(pen, shown[a], shown[b], k, (scene.planar ? 0 : 16 * (Math.abs(b - a) - 1)) + 22 * twin);
   });
   const size = Math.max(2, Math.min(few ? 11 : 8, 0.2 * width / shown.length));
   shown.forEach(([x, y], i) => {
@@ -112,20 +112,20 @@ function drawBody() {
   }
   pen.restore();
 }
-function drawSpring(pen, p, q, k, up, few) { // returns its ends, where a person can grab it
-  const [dx, dy] = [q[0] - p[0], q[1] - p[1]], length = Math.hypot(dx, dy) || 1, [ux, uy] = [dx / length, dy / length];
+function drawSpring(pen, p, q, k, up) { // returns its ends, where a person can grab it
+  const [dx, dy] = [q[0] - p[0], q[1] - p[1]], length = Math.hypot(dx, dy) || 1, [ux, uy] = [dx / length, dy / length], wide = length > 30; // for a coil
   const put = (s, h) => [p[0] + s * dx + h * uy, p[1] + s * dy - h * ux], mark = frame.yields[k];
   const color = mark === 1 ? colors.stalled : mark === -1 ? colors.grey : drag && drag.link === k ? colors.actuation : ink("ink");
   const whole = frame.lengths[k] * extent.eye.scale / length; // its length at rest, in its own
-  if (few && whole > 0 && scene.grips[k][0].length) {
+  if (wide && whole > 0 && scene.grips[k]?.[0].length) {
     const ends = [(1 - whole) / 2, (1 + whole) / 2], high = up + (scene.planar ? 16 : 40 + 8 * (k % 2));
     line(pen, ends.map(s => put(s, high)), colors.actuation, 2);
     for (const s of ends) line(pen, [put(s, high - 5), put(s, high + 5)], colors.actuation, 2);
   }
-  const sag = mark === -1 ? -11 : 0, curve = s => up + 4 * (sag + (up ? 6 : 0)) * s * (1 - s), coil = few && mark !== -1 && (!scene.grips[k] || scene.grips[k][0].length);
+  const sag = mark === -1 ? -11 : 0, curve = s => up + 4 * (sag + (up ? 6 : 0)) * s * (1 - s), coil = wide && mark !== -1 && (!scene.grips[k] || scene.grips[k][0].length);
   const course = [[0, 0], [0.12, coil ? up : curve(0.12)]];
   for (let j = 0; j < TEETH; j++) course.push([0.12 + 0.76 * (j + 0.5) / TEETH, coil ? up + (j % 2 ? -8 : 8) : curve(0.12 + 0.76 * (j + 0.5) / TEETH)]);
-  line(pen, [...course, [0.88, coil ? up : curve(0.88)], [1, 0]].map(([s, h]) => put(s, h)), color, coil ? 1.8 : few ? 4 : 2);
+  line(pen, [...course, [0.88, coil ? up : curve(0.88)], [1, 0]].map(([s, h]) => put(s, h)), color, coil ? 1.8 : wide ? 4 : 2);
   return [put(0, up), put(1, up)];
 }
 function drawPlane(pen, width, height, eye) {

@@ -95,7 +95,7 @@ function build() {
   at("lesson").hidden = !scene.lesson;
   if (scene.lesson) teach(scene.lesson);
   const words = scene.planar ? { stick: "held", forward: "slides" } : { stick: "held", forward: "forward", back: "back" };
-  if (scene.contacts.length <= FEW && scene.grips.some(([names]) => names.length)) words.actuation = "length at rest";
+  if (scene.contacts.length <= 2 * FEW && scene.link_names.some((name, k) => name.startsWith("link") && scene.grips[k][0].length)) words.actuation = "length at rest";
   for (const [name, told] of Object.entries(words)) {
     const swatch = make("i", { className: "swatch" });
     swatch.style.background = colors[name];
