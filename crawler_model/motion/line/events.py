@@ -343,20 +343,18 @@ def _sample(contacts, springs, model, curves, ramp):
 def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
     """Advance the ramp to the end of a stretch, where borders change bounds at once, and springs that are flat stiffen.
 
-    The visited margin is updated before. Bent springs divide a body in parts: those between two events that are met
-    together but for rounding do not count.
+    The visited margin is updated before, except between two events that are met together but for rounding.
     """
     begin, ramp.s = ramp.s, s
     if ground is None and curves is None:
         return
     if contacts.shape[0] > ramp.few or ramp.fall.falling:  # `sample_margin` would do nothing, for each part
         return
-    if curves is not None:
-        if s - begin <= CRITICAL:
-            return
-        ramp.s = begin
-        _sample(contacts, springs, model, curves, ramp)
-        ramp.s = s
+    if s - begin <= CRITICAL:
+        return
+    ramp.s = begin
+    _sample(contacts, springs, model, curves, ramp)
+    ramp.s = s
     if s < ramp.end or ground is not None:  # at the end, bounds may already be those behind a border
         _sample(contacts, springs, model, curves, ramp)
 

@@ -176,7 +176,7 @@ def _finish(contacts, springs, model, ramp, target):
         stored += _finish_spring(contacts, springs, springs[j], model, ramp, target[j])
     _certify(contacts, springs, model, ramp)
     own = ramp.account
-    if ramp.s == 1.0:
+    if ramp.s == 1.0 and (model.ground is None or ramp.stepping or contacts.shape[0] > ramp.few):
         own.visited = min(own.visited, find_margin(contacts, springs, model, model.curves, ramp, 1.0))
     own.residual = (stored - ramp.stored) + (own.dissipation + own.internal) - own.work
     return stored

@@ -178,10 +178,13 @@ def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     compare_rates(body, method, rate)
 
 
-@pytest.mark.parametrize("rate", [12.0, 12.562])
-def test_the_margin_just_before_a_border_at_the_end_of_a_ramp_is_seen_at_all_rates(rate):
-    """A contact comes to a border, behind which its friction differs, exactly at a waypoint."""
-    compare_rates(Drawn("chain on patches", 1, commanded=False, ties=True, bare=True), "exact", rate)
+@pytest.mark.parametrize(
+    ("seed", "rate"),
+    [(1, 12.0), (1, 12.562), (515, 3.0), (1801, 3.0), (1801, 16.0), (1827, 2.0), (2499, 7.3), (2877, 12.562)],
+)
+def test_the_margin_just_before_a_border_at_the_end_of_a_ramp_is_seen_at_all_rates(seed, rate):
+    """A contact comes to a border, behind which its friction differs, exactly at a waypoint or as another one does."""
+    compare_rates(Drawn("chain on patches", seed, commanded=False, ties=True, bare=True), "exact", rate)
 
 
 @pytest.mark.parametrize("body", TIED, ids=lambda body: str(body.seed))

@@ -235,7 +235,7 @@ def note_interval(contacts, springs, curves, ramp, until):
 @inlined
 def _choose_in_part(contacts, springs, model, curves, ramp):
     """Choose the translation of the present part if it is free at s."""
-    if curves is None:  # else parts count if they last, see `events`
+    if curves is None and model.ground is None:  # else bounds and parts count if they last, see `events`
         sample_margin(contacts, springs, model, curves, ramp)
     critical = is_critical(contacts, springs, model, curves, ramp)
     if (critical or _is_free(contacts, curves, ramp)) and not holds_body(contacts, model.ground, ramp):
