@@ -101,6 +101,20 @@ def compare_sides(first: np.ndarray, second: np.ndarray, travel: float, values: 
     return np.asarray(np.abs(second - first).max(axis=0, initial=0.0) / size)
 
 
+def are_small(derivatives: np.ndarray, travel: float, values: np.ndarray) -> np.ndarray:
+    """Find the parameters whose derivatives are all smaller than what their errors are compared to.
+
+    Args:
+        derivatives: shape (K, P).
+        travel: how far the body moves [m].
+        values: of the parameters, shape (P,).
+
+    Returns:
+        Shape (P,).
+    """
+    return np.asarray(np.abs(derivatives).max(axis=0, initial=0.0) < _find_size(derivatives[None], travel, values))
+
+
 def average_grids(grids: np.ndarray, travel: float, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Average derivatives of the net translation over grids.
 

@@ -26,7 +26,7 @@ from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import check_form, expand_keys, with_loads
 from .differences import differentiate_by_runs
-from .grids import RESOLVED, SIDES, average_grids, compare_sides, other_grids, tilt
+from .grids import RESOLVED, SIDES, are_small, average_grids, compare_sides, other_grids, tilt
 from .parameters import Derivatives, differentiate_arrays
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 from .tangent_path import Stretch, TangentPath, Vertices, build_vertices
@@ -77,10 +77,12 @@ class Sensitivities:
         tolerance: on a line 0, as derivatives are exact but for rounding; where they are differences of runs, by how
             much those to both sides differ, where they are not one-sided; for segments a bound of the error of the
             net translation's derivatives that are not in `unresolved`, in the plane of the displacement's derivatives
-            that are not one-sided, relative to the largest one with respect to the same parameter; NaN where there are
-            none [1].
+            that are not one-sided, relative to the largest one with respect to the same parameter (for segments at
+            least to that which moves the body by 2 % of its travel as the parameter changes by its value); NaN where
+            there are none [1].
         unresolved: parameters with respect to which the derivatives of the net translation of a body with segments, the
-            means of several grids, may be off by more than a twentieth; bool, shape (P,).
+            means of several grids, may be off by more than a twentieth; bool, shape (P,). Small ones are, too, where a
+            segment slides next to an end, but on all grids only within an element.
     """
 
     parameters: tuple[str, ...]
@@ -223,7 +225,8 @@ def _average_over_grids(
     translation, error = average_grids(np.stack([run.net_translation for run in runs]), travel, found.values)
     gains, error_of_gains = average_grids(np.stack([run.per_period for run in runs]), travel, found.values)
     error = np.maximum(error, error_of_gains)
-    unresolved = error > RESOLVED
+    hidden = np.all([run.unresolved for run in runs], axis=0) & are_small(translation, travel, found.values)
+    unresolved = (error > RESOLVED) | hidden
     shift = translation - found.net_translation
     return dataclasses.replace(
         found,
@@ -236,9 +239,13 @@ def _average_over_grids(
 
 
 def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
-    """Differentiate a run on a line, on the grid of the scene; at a kink of the grid itself, on both sides of it."""
+    """Differentiate a run on a line, on the grid of the scene; at a kink of the grid itself, on both sides of it.
+
+    Where what slides next to the end of a segment is shorter than an element, all are `unresolved` on this grid.
+    """
     path = TangentPath(scene, derivatives, samples=True)
     found = _differentiate(scene, derivatives, tick_ns, path)
+    found = dataclasses.replace(found, unresolved=frozen(np.full(found.values.size, path.hides), np.bool_))
     if not path.between:
         return found
     first, second = (

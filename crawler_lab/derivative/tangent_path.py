@@ -170,6 +170,8 @@ class TangentPath:
         self.one_sided = self._system.parameters["one_sided"]
         self.kinks: list[tuple[int, float, int]] = []
         self._ramps, self._samples = 0, samples
+        self.hides = False
+        """Whether a segment has slid next to an end, while contacts rested, within an element: how far is not known."""
         self._friction = 0
         """Which derivatives friction has, as a number of `_find_steady`; -1 between waypoints where they change."""
 
@@ -254,10 +256,19 @@ class TangentPath:
         self._system.kinks[0, 0] = 0.0
         output = dx, work, d_work, speed
         follow_tangent(self._system, self._derivative, self._commands, course, self._piece, output, self._samples)
+        waypoint = vertices.before[rows] == vertices.after[rows]
+        self.hides |= self._divides_an_end(speed[waypoint] != 0.0)
         found = self._system.kinks[1 : 1 + int(self._system.kinks[0, 0])]
         self.kinks += [(self._ramps + int(ramp), float(place), int(contact)) for ramp, place, contact in found]
         self._ramps += count
         return Stretch(records[:, :n], records[:, n : 2 * n], work, dx, d_work, speed)
+
+    def _divides_an_end(self, moves: np.ndarray) -> bool:
+        """Determine from which contacts move, shape (V, N), whether only one contact of an end of a segment does."""
+        ends = self._plan.body.element_ends
+        lonely = (np.bincount(ends.ravel(), minlength=moves.shape[1]) == 1)[ends].any(axis=1)
+        still = (~moves).sum(axis=1) > 1
+        return bool((still[:, None] & lonely & (moves[:, ends[:, 0]] != moves[:, ends[:, 1]])).any())
 
     def _find_elongations(self, x: np.ndarray, pieces: np.ndarray) -> np.ndarray:
         """Find the elongations of bent springs at the start of each ramp, shape (V, B) [m].

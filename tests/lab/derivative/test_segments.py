@@ -134,6 +134,13 @@ def test_derivatives_that_scatter_from_grid_to_grid_are_resolved_by_their_mean(s
     assert 0.0 < found.tolerance < 0.05
 
 
+def test_where_a_segment_slides_within_an_element_next_to_its_end_small_derivatives_are_flagged() -> None:
+    """Backward friction is so strong that what slides backward is shorter: on these grids, but not on finer ones, 0."""
+    document, _ = unequal(77)
+    found = sensitivities(_cut(document, 80), _keys(document), 2.0, 1.0)
+    assert found.unresolved.tolist() == [False, True, False, False]
+
+
 def test_the_derivatives_of_contacts_add_up_to_those_of_the_net_translation() -> None:
     scene = _cut(unequal(42)[0], 31)
     found = sensitivities(scene, _keys(unequal(42)[0]), 2.0, 4.0)
