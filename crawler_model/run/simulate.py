@@ -114,8 +114,10 @@ def _waypoints(drive: Drive, seconds: float) -> float:
 
 def _directions(moved: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Compute the directions of contacts in ticks that begin with the ramps `first`; 0 for no net displacement."""
-    gained = np.add.reduceat(moved, first)
-    went = np.abs(gained) > _RETURNED * np.add.reduceat(np.abs(moved), first)
+    gained, way = moved, np.abs(moved)
+    if first.size < moved.shape[0]:  # some ticks have several ramps
+        gained, way = np.add.reduceat(moved, first), np.add.reduceat(way, first)
+    went = np.abs(gained) > _RETURNED * way
     return np.asarray(went.any(axis=2) if moved.ndim == 3 else np.where(went, np.sign(gained), 0.0))
 
 
@@ -188,12 +190,11 @@ class _Run:
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
         self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
         self.last = (x[-1].copy(), rest[-1].copy())
-        for i, ns, row in zip(at, vertex_ns[at], way_rows, strict=True):
-            if ns > 0 and (drive.period is None or row == 0):
-                self.waypoint_row.append(int(row))
-                self.waypoint_x.append(x[i].copy())
-                self.waypoint_rest.append(rest[i].copy())
-                self.waypoint_yaw.append(float(yaw[i]))
+        counts = (vertex_ns[at] > 0) & ((way_rows == 0) | (drive.period is None))
+        self.waypoint_row += way_rows[counts].tolist()
+        self.waypoint_x += list(x[at[counts]])
+        self.waypoint_rest += list(rest[at[counts]])
+        self.waypoint_yaw += yaw[at[counts]].tolist()
 
     def _follow_ramps(self, targets: np.ndarray, records: np.ndarray, ends_ns: np.ndarray) -> tuple[Step, np.ndarray]:
         """Follow ramps; return their account, and the yaw at the end of each [rad]."""

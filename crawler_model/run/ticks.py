@@ -38,7 +38,11 @@ def tick_ends(first: int, last: int, rate: Fraction, end_ns: int) -> np.ndarray:
     Returns:
         Shape (last - first + 1,), int64 [ns].
     """
-    return np.array([min(tick_end_ns(k, rate), end_ns) for k in range(first, last + 1)], dtype=np.int64)
+    k = np.arange(last - first + 1)
+    (whole, rest), (begin, over) = (divmod(t * NS * rate.denominator, rate.numerator) for t in (1, first))
+    if max(begin + k.size * whole, (k.size + 1) * rate.numerator) >= 1 << 63:
+        k = k.astype(object)  # integers of any size
+    return np.minimum(begin + k * whole + (over + k * rest) // rate.numerator, end_ns).astype(np.int64)
 
 
 def count_ticks(end_ns: int, rate: Fraction) -> int:

@@ -8,7 +8,7 @@ import pytest
 
 from crawler_lab import sensitivities, simulate_many
 from crawler_model import CommandError, Crawler, load_scene, simulate
-from crawler_model.run.ticks import rational_rate, tick_end_ns
+from crawler_model.run.ticks import rational_rate, tick_end_ns, tick_ends
 from crawler_model.run.transport import supporting_force
 
 from ..chains import scene
@@ -20,6 +20,20 @@ def test_ticks_end_without_drift():
     rate = Fraction(30000, 1001)
     assert tick_end_ns(30000 * 10**6, rate) == 1001 * 10**15
     assert [tick_end_ns(k, Fraction(3)) for k in range(4)] == [0, 333333333, 666666666, 10**9]
+
+
+@pytest.mark.parametrize(
+    ("rate", "first", "end_ns"),
+    [
+        (Fraction(100), 1, 95_000_000),
+        (Fraction(99_999_999, 1_000_000), 8 * 10**8, 9 * 10**18),
+        (Fraction(999_999_999_999_989, 999_983), 10**16, 9 * 10**18),
+        (Fraction(1e-9), 1, 9 * 10**18),  # the second tick ends beyond all times
+    ],
+)
+def test_many_ticks_end_where_each_ends_however_many_digits_the_rate_has(rate, first, end_ns):
+    ends = tick_ends(first, first + 9, rate, end_ns)
+    assert ends.tolist() == [min(tick_end_ns(k, rate), end_ns) for k in range(first, first + 10)]
 
 
 @pytest.mark.parametrize("rate", [0.1, 1.0, 29.97, 100.0, 1000.0, 1e9, 1 / 3])
