@@ -254,6 +254,13 @@ def keeping_half_done() -> Iterator[None]:
 
     llvmlite notes only after the call of LLVM that a module belongs to another object. Frames hold such modules; they
     are kept until the process exits, when llvmlite frees nothing.
+
+    Yields:
+        Nothing: around what may be interrupted.
+
+    Raises:
+        KeyboardInterrupt: when it is.
+        SystemExit: likewise.
     """
     try:
         yield

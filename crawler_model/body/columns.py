@@ -247,7 +247,7 @@ class Columns:
         Returns:
             Shape (..., S + 2 N), with loads (..., S + 3 N) [m, N]; `rows` itself if no conversion is needed.
         """
-        if self._is_plain:
+        if self.is_plain:
             return rows
         target = self.spread(rows)
         if self.slope_load is not None and self.planar is not None:
@@ -354,7 +354,7 @@ class Columns:
         return np.stack((forward.sum(axis=-1) < -near, backward.sum(axis=-1) < -near))
 
     @functools.cached_property
-    def _is_plain(self) -> bool:
+    def is_plain(self) -> bool:
         """Whether a row equals its target, as for bodies without segments and loads."""
         if self.slope_load is not None:
             return False

@@ -12,8 +12,6 @@ from ..body.plan import Plan
 from ..body.turning import check_sides
 from ..errors import LARGEST, CommandError, SceneError
 
-_SMALL = 1e-160
-
 
 def write_command(
     scene: Plan,
@@ -82,8 +80,7 @@ def _read_lengths(columns: Columns, actuation: ArrayLike) -> np.ndarray | None:
     if array.shape != columns.plain_lengths or array.dtype is not FLOAT:
         return None
     flat = array.ravel()
-    small = flat * _SMALL  # the square of what is not refused neither overflows nor vanishes
-    return flat if small.dot(small) <= (_SMALL * LARGEST) ** 2 else None
+    return flat if np.vdot(flat, flat) <= LARGEST**2 else None  # without a warning where the square overflows
 
 
 def _check_by_direction(scene: Plan, friction: np.ndarray) -> None:

@@ -13,7 +13,7 @@ from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
 from ..errors import CommandError
 from ..motion.follow import State, build_motion
-from ..motion.state import empty_account
+from ..motion.state import ACCOUNT_SIZE, empty_account
 from ..notebook import write_html, write_numbers
 from .command import write_command
 from .method import Method, choose_method, default_budget
@@ -53,6 +53,9 @@ class Crawler:
         self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
         self._row: np.ndarray | None = scene.drive.rows[0]  # as commanded; None if only the target is known
         self._scratch = self._motion.scratch()
+        simple = scene.columns.is_plain and getattr(self._motion, "simple", False)
+        self._simple = scene.columns.plain_lengths if simple else None  # shape of usual commands
+        self._nothing = np.append(empty_account(), np.zeros(self._state.displacement.size))
         self._no_records = np.empty((0, 2 * self._state.displacement.size + self._state.tension.size))
 
     @property
@@ -321,11 +324,34 @@ class Crawler:
         Raises:
             CommandError: if the command is invalid; the state does not change.
         """
+        if forward is None and backward is None and loads is None:
+            step = self._advance_lengths(actuation)
+            if step is not None:
+                return step
         row = write_command(self.scene, self._row, actuation, forward, backward, loads)
         known = self._row is not None or not np.isnan(row).any()
         step = self.follow(self._target(row)[None])
         self._row = row if known else None
         return step
+
+    def _advance_lengths(self, actuation: ArrayLike) -> Step | None:
+        """Follow a usual command in one compiled call, which checks it; None if it needs a closer look."""
+        if self._simple is None or self._row is None:
+            return None
+        try:
+            lengths = np.asarray(actuation)
+        except ValueError:
+            return None
+        if lengths.shape != self._simple or lengths.dtype is not FLOAT:
+            return None
+        row, account = self._row.copy(), self._nothing.copy()
+        row[: lengths.size] = lengths
+        motion: Any = self._motion
+        if not motion.advance(self._state, self._scratch, row[None], self.method == "exact", self.budget, account):
+            return None
+        self._row = row
+        account.setflags(write=False)
+        return Step(account[ACCOUNT_SIZE:], account[:ACCOUNT_SIZE], self.scene.body.share)
 
     def follow(self, targets: np.ndarray, records: np.ndarray | None = None, before: Step | None = None) -> Step:
         """Ramp to several checked commands in turn.
@@ -342,9 +368,8 @@ class Crawler:
             CommandError: if nothing holds the body on the ground that it reaches, or a part of it behind slack springs;
                 the state does not change.
         """
-        flags = targets.flags
-        if targets.dtype is not FLOAT or not (flags.c_contiguous and flags.writeable):  # one signature
-            targets = np.array(targets, dtype=np.float64)
+        if targets.dtype is not FLOAT or not targets.flags.carray:  # one signature
+            targets = np.array(targets, dtype=np.float64, order="C")
         account = empty_account() if before is None else before.account.copy()
         jumps = self._motion.follow(
             self._state,
@@ -359,7 +384,7 @@ class Crawler:
         velocity = self._state.gained.copy()
         velocity.setflags(write=False)
         account.setflags(write=False)
-        return Step(velocity, account, self.body.share, jumps or ())
+        return Step(velocity, account, self.scene.body.share, jumps or ())
 
 
 def prepare(scene: Plan) -> None:

@@ -44,9 +44,7 @@ def empty_account(count: int | None = None) -> np.ndarray:
     Returns:
         A new array, shape (15,) or (count, 15).
     """
-    account = np.empty(ACCOUNT_SIZE if count is None else (count, ACCOUNT_SIZE))
-    account[:] = _EMPTY
-    return account
+    return _EMPTY.copy() if count is None else np.tile(_EMPTY, (count, 1))
 
 
 @lean

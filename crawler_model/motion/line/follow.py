@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import entry, inlined, lean
+from ...errors import LARGEST
 from ...rounding import MISSED
 from .. import state
 from .advance import advance, advance_spring
@@ -354,12 +355,19 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         ramps: RAMP, memory with the budget and the method, shape (1,).
         memory: the fields of a `Model`.
         targets: L, bounds and, with loads, these at each ramp's end, shape (V, S + 2 N) or (V, S + 3 N).
-        account: total account, shape (15,), added to.
+        account: total account, shape (15,), added to; or shape (15 + N,), for a command that nobody has checked: its
+            displacement gained follows the account.
         records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows.
 
     Returns:
-        0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped.
+        0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped. 2 if a length
+        is not finite or too large; then nothing has changed.
     """
+    checked = account.shape[0] == state.ACCOUNT_SIZE
+    if not checked:
+        for j in range(springs.shape[0]):
+            if not abs(targets[0, j]) <= LARGEST:
+                return 2
     ends, block, listed, matrix, breaks, pieces, ground, clusters, curves = memory
     ground, curves = _build_terrain(ground), _build_curves(curves)
     model = Model(ends, block, listed, matrix, breaks, pieces, ground, clusters, curves)
@@ -388,4 +396,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
     add_interval(contacts, model.curves, ramp, account)
     if account[state.VISITED] == np.inf:  # no command changed
         account[state.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)
+    if not checked:
+        for i in range(contacts.shape[0]):
+            account[state.ACCOUNT_SIZE + i] = contacts[i].gained
     return 0

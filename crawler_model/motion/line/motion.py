@@ -23,6 +23,8 @@ from .ground.borders import ROUNDING
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, copy_records, zeros
 from .springs.records import SLIDER_STATE
 
+_NO_RECORDS = np.empty((0, 0))
+
 
 class Scratch(NamedTuple):
     """The working memory of ramps.
@@ -207,6 +209,11 @@ class LineMotion:
         return ("exact", "catch_up") if self.track is None or not self.track.leaps else ("exact",)
 
     @property
+    def simple(self) -> bool:
+        """Whether every ramp can be followed in one call: actuators without backlash, and nothing runs away."""
+        return self.track is None and self.body.play is None and not self.body.has_flat_springs
+
+    @property
     def samples_margin(self) -> bool:
         """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
         return self.body.contacts > build.FEW_CONTACTS
@@ -286,6 +293,26 @@ class LineMotion:
             for jump in jumps
             for k in (jump.ramp,)
         )
+
+    def advance(
+        self, state: LineState, scratch: Scratch, target: np.ndarray, exact: bool, budget: int, account: np.ndarray
+    ) -> bool:
+        """Follow a ramp to a target whose lengths nobody has checked, of a body that is `simple`.
+
+        Args:
+            state: changed in place.
+            scratch: memory from `scratch`.
+            target: as for `follow`, shape (1, F).
+            exact: as for `follow`.
+            budget: as for `follow`.
+            account: the account and, output, the displacement gained, shape (15 + N,).
+
+        Returns:
+            False if a length is not finite or too large; then nothing has changed.
+        """
+        scratch.budget[0], scratch.exact[0] = budget, exact
+        memory = self.memory_for(state, scratch)
+        return not follow(state.contacts, state.springs, scratch.ramps, memory, target, account, _NO_RECORDS)
 
     def _follow(
         self,
