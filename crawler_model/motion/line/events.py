@@ -303,22 +303,34 @@ def _give_up(contacts, springs, model, ramp, count):
 
 @lean
 def _is_over(contacts, springs, ramp):
-    """Determine whether the rest of the ramp changes forces only by rounding, and end it there if so.
+    """Determine whether the rest of the ramp or fall changes forces only by rounding, and end it there if so.
 
-    Friction that vanishes with the ramp then holds to its end, and what is loose behind it stays where it is.
+    Friction that vanishes with it then holds to its end, and what is loose behind it stays where it is.
     """
     change = size = 0.0
     for i in range(contacts.shape[0]):
         c = contacts[i]
-        change += abs(c.d_forward) + abs(c.d_backward) + abs(c.d_load)
+        if not ramp.fall.falling or c.since < 0.0:
+            change += abs(c.d_forward) + abs(c.d_backward) + abs(c.d_load)
         size += c.forward + c.backward + abs(c.load)
     for j in range(springs.shape[0]):
-        change += springs[j].stiffness * abs(springs[j].d_length)
+        if not ramp.fall.falling:
+            change += springs[j].stiffness * abs(springs[j].d_length)
         size += abs(springs[j].tension)
-    over = not ramp.fall.falling and (ramp.end - ramp.s) * change <= CRITICAL * size
+    over = (ramp.end - ramp.s) * change <= CRITICAL * size
     if over:
         ramp.s = ramp.end
     return over
+
+
+@lean
+def _return_to_ramp(contacts, springs, model, ground, ramp, count):
+    """Go on with the ramp after a fall; returns how many contacts are listed."""
+    count = end_fall(contacts, springs, model, ground, ramp, count)
+    if is_curved(ground, ramp):
+        begin_chord(ground, ramp)
+        count = _list_blocks(contacts, model, ramp, count)
+    return count
 
 
 @lean
@@ -405,6 +417,9 @@ def follow_events(contacts, springs, model, ramp):
                 count = _list_blocks(contacts, model, ramp, count)
                 continue
             over = _is_over(contacts, springs, ramp)
+            if over and ramp.fall.falling:
+                count = _return_to_ramp(contacts, springs, model, ground, ramp, count)
+                continue
             _give_up(contacts, springs, model, ramp, count)
             if ramp.effort > ramp.budget and 0.0 < ramp.s < 1.0:  # a jump was not looked for
                 return SPENT
@@ -433,11 +448,7 @@ def follow_events(contacts, springs, model, ramp):
                 continue
             if not ramp.fall.falling:
                 return DONE
-            # the jump is over, and the ramp goes on
-            count = end_fall(contacts, springs, model, ground, ramp, count)
-            if is_curved(ground, ramp):
-                begin_chord(ground, ramp)
-                count = _list_blocks(contacts, model, ramp, count)
+            count = _return_to_ramp(contacts, springs, model, ground, ramp, count)
             continue
         if ramp.effort > ramp.budget:
             _give_up(contacts, springs, model, ramp, count)

@@ -173,6 +173,13 @@ def test_which_contacts_can_begin_a_jump_does_not_depend_on_the_rates_of_command
     compare_rates(Drawn("chain on gradual ground", 1122816), "exact", rate)
 
 
+@pytest.mark.parametrize("rate", [0.5, 2.0])
+def test_a_body_that_jumps_onto_ground_that_holds_nothing_is_free_at_all_rates(rate):
+    """As the bound of its last contact falls to 0, all others meet theirs: rounding decides which is first."""
+    run = simulate(Drawn("segment on patches", 462, ties=True, bare=True).driven().scene, rate=rate)
+    assert not run.unique
+
+
 @law(*FOLLOWED, rate=st.floats(0.1, 20.0))
 def test_the_path_matters_and_the_speed_does_not(body, method, rate):
     compare_rates(body, method, rate)
