@@ -115,10 +115,11 @@ class _Unpaired:
         """Return all keys and numbers."""
         return np.concatenate(self.keys), np.concatenate(self.numbers)
 
-    def keep(self, keys: np.ndarray, numbers: np.ndarray, which: np.ndarray) -> None:
-        """Keep the last of those marked by `which`, shape (K,)."""
+    def keep(self, keys: np.ndarray, numbers: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Keep the last of those marked by `which`, shape (K,); return their indices."""
         left = np.flatnonzero(which)[-_MOST_WAITING:]
         self.keys, self.numbers = [keys[left]] * (left.size > 0), [numbers[left]] * (left.size > 0)
+        return left
 
 
 class Resimulation:
@@ -339,10 +340,8 @@ class Resimulation:
         if found.size:
             self._count(name, recorded[found], numbers[place[found]], others[found])
         ours.keep(simulated, numbers, ~_precede(simulated, _last(recorded)))  # a state may be repeated
-        rest = (place < 0) & _precede(_last(simulated), recorded)
-        theirs.keep(recorded, others, rest)
-        rest[np.flatnonzero(rest)[-_MOST_WAITING:]] = False
-        self._give_up(recorded[(place < 0) & ~rest])
+        place[theirs.keep(recorded, others, (place < 0) & _precede(_last(simulated), recorded))] = 0
+        self._give_up(recorded[place < 0])
 
     def _give_up(self, keys: np.ndarray) -> None:
         """Count states without a counterpart; a recording may end between the ledger of a tick and its states."""
