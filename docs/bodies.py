@@ -30,7 +30,7 @@ def draw(name: str, file: Path) -> None:
     film = film_of_run(scene, run)
     figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DPI)
     axes = figure.add_axes((0.02, 0.02, 0.96, 0.96))
-    panel: Any = PlanePanel(axes, film, WIDTH / HEIGHT) if film.planar else LinePanel(axes, film)
+    panel: Any = PlanePanel(axes, film) if film.planar else LinePanel(axes, film)
     sliding = (film.state != 0).sum(axis=1)
     sliding[: film.time.size // 3] = -1
     panel.move(int(np.argmax(run.time >= jumps[0].time)) if jumps else int(np.argmax(sliding)))

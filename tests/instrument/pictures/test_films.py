@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -36,6 +37,7 @@ from crawler_pictures.film.stage import TALK_SIZE, Stage
 
 from ...golden_pictures import differences, read_figure
 from ...lab.play.pages import browsing
+from ...pages import ROOT
 from ...recordings import hold, messages, play, record, write
 from ...scenes import wave_scene
 
@@ -126,6 +128,14 @@ def test_links_that_keep_their_length_are_drawn_as_rods():
     rods = np.array(panel._rods.get_data()).T.reshape(2, -1, 2)  # of four links, two are actuators
     ends = np.stack((rods[:, 0], rods[:, 3]), axis=1)
     np.testing.assert_allclose(ends, film.place[10][[[0, 1], [2, 3]]])
+
+
+@pytest.mark.parametrize("name", ["hill_top", "steering_inchworm"])
+def test_the_gallery_has_the_pictures_that_its_program_draws(name, tmp_path):
+    program = runpy.run_path(str(ROOT / "docs" / "bodies.py"))
+    program["draw"](name, tmp_path / "x.png")
+    drawn = np.asarray(Image.open(tmp_path / "x.png").convert("RGB"))
+    assert distance(drawn, program["FOLDER"] / f"{name}.png") < TOLERANCE
 
 
 @pytest.mark.parametrize(("fps", "shown"), [(2.0, "t = 0.5 s"), (25.0, "t = 0.04 s"), (400.0, "t = 0.003 s")])
