@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,22 +105,32 @@ def _are_free(axes: Axes) -> tuple[bool, bool]:
 
 
 @contextlib.contextmanager
-def words_of_figures() -> Iterator[list[str]]:
-    """Keep what is written and drawn in each figure that is saved, in lines: a distance does not notice small changes.
-
-    Bare numbers are left out, because versions of matplotlib place different ones on axes.
-    """
+def reading_figures(read: Callable[[Figure], Iterable[str]]) -> Iterator[list[str]]:
+    """Keep what `read` finds in each figure that is saved."""
     from matplotlib.figure import Figure
 
     kept, save = list[str](), Figure.savefig
 
     def save_and_keep(figure: Figure, *given: object, **more: object) -> None:
         save(figure, *given, **more)
-        kept.append(read_figure(figure))
+        kept.extend(read(figure))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", save_and_keep)
         yield kept
+
+
+def words_of_figures() -> contextlib.AbstractContextManager[list[str]]:
+    """Keep what is written and drawn in each figure that is saved, in lines: a distance does not notice small changes.
+
+    Bare numbers are left out, because versions of matplotlib place different ones on axes.
+    """
+    return reading_figures(lambda figure: [read_figure(figure)])
+
+
+def crowded_pictures() -> contextlib.AbstractContextManager[list[str]]:
+    """Keep the crowded words of each figure that is saved."""
+    return reading_figures(crowded_words)
 
 
 def read_figure(figure: Figure) -> str:
@@ -167,22 +177,6 @@ def read_rrd(file: Path) -> str:
             points = np.array([value if isinstance(value, list) else [value] * 2 for value in values])
             lines.append(f"{name}: {_summarise(points if isinstance(values[0], list) else points[:, :1])}")
     return "".join(f"{line}\n" for line in lines)
-
-
-@contextlib.contextmanager
-def crowded_pictures() -> Iterator[list[str]]:
-    """Collect the crowded words of each figure that is saved."""
-    from matplotlib.figure import Figure
-
-    found, save = list[str](), Figure.savefig
-
-    def save_and_look(figure: Figure, *given: object, **more: object) -> None:
-        save(figure, *given, **more)
-        found.extend(crowded_words(figure))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", save_and_look)
-        yield found
 
 
 def crowded_words(figure: Figure) -> list[str]:
