@@ -9,7 +9,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.theory.stasis import stasis_bounds
 
-from ..marks import can_be_marked, mark_springs, own_tensions
+from ..marks import mark_springs, own_tensions
 from ..numbers import error_of, write_length
 from .arrays import Gains, RunArrays, planar_forces, sort_commands
 
@@ -43,9 +43,7 @@ def read_trajectory(run: Trajectory) -> RunArrays:
     marks, own = np.zeros((run.time.size, 0), np.int8), np.zeros((run.time.size, 0))
     if body.bends:
         z, length = body.elongation(run.displacement), target[:, : body.springs]
-        own = own_tensions(body, z, length)
-        if can_be_marked(body):
-            marks = mark_springs(body, z, length, run.tension)
+        own, marks = own_tensions(body, z, length), mark_springs(body, z, length, run.tension)
     return RunArrays(
         title=scene.name,
         notes=tuple(notes),

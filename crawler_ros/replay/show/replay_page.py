@@ -9,7 +9,7 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 from crawler_model.body.names import name_each, name_joints
-from crawler_pictures.marks import can_be_marked, mark_joints, own_tensions
+from crawler_pictures.marks import mark_joints, own_tensions
 from crawler_pictures.run.arrays import Commands, Gains, RunArrays, planar_forces, sort_commands
 from crawler_pictures.run.run_page import draw_run
 
@@ -65,9 +65,7 @@ def read_replay(replay: Replay, samples: Samples) -> RunArrays:
     if scene is not None and scene.body.bends and samples.get("command").shape[1]:
         body, z = scene.body, samples.get("elongation")
         length = body.joint_sum(scene.columns.target(samples.get("command"))[:, : body.springs].T).T
-        own = own_tensions(body, z, length)
-        if can_be_marked(body):
-            marks = mark_joints(body, z, length, tension)
+        own, marks = own_tensions(body, z, length), mark_joints(body, z, length, tension)
     return RunArrays(
         title=f"{'scene not known' if scene is None else scene.name}, {replay.path.name}",
         notes=(*_notes(replay), *_describe_turning(replay)),
