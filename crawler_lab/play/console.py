@@ -1,7 +1,7 @@
 """A robot with topics as what the server shows and commands: the simulator in another process, or a real one.
 
 The command goes to the robot as short trajectories, in straight ramps of limited rate. It stops where it is when the
-page that has the hand is closed or falls silent; with this process it ends, and the robot holds the end of the last
+page in control is closed or falls silent; with this process it ends, and the robot holds the end of the last
 trajectory that it received.
 """
 

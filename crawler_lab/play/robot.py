@@ -21,7 +21,7 @@ PAST = 1000
 
 
 class Robot(ABC):
-    """A crawler that pages show, and that the page with the hand commands."""
+    """A crawler that pages show, and that the page in control commands."""
 
     keeps: tuple[str, ...] = ()
     simulated = False

@@ -253,10 +253,9 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
             page = open_page(browser, address)
             wait_until(lambda: page.evaluate("frame.words.startsWith('all feet hold')"), what="states")
             wait_until(lambda: page.evaluate("frame.console.join().includes('1 listener')"), what="a listener")
+            # a robot has no other instant, and no sensor measures its work
             assert not [part for part in ("keep", "seeking", "lessons") if page.locator(f"#{part}").is_visible()]
-            assert (
-                page.get_by_text("work [J]").count() == 0
-            )  # a robot has no other instant, and no sensor measures its work
+            assert page.get_by_text("work [J]").count() == 0
             page.get_by_label("link 0 in m").fill("0.14")
             page.get_by_label("link 0 in m").press("Enter")
             wait_until(
