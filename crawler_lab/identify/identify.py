@@ -80,8 +80,8 @@ def identify(
         starts: number of starts, unless an earlier one leads to a fit.
         seed: of the random starts.
         progress: called with the fraction done, in [0, 1].
-        seconds: time, compiling aside, in which more starts are tried as long as none leads to a fit [s]; 0 for only
-            the first start.
+        seconds: time in which more starts are tried as long as none leads to a fit [s], counted by evaluations as on an
+            ordinary processor, so that the result does not depend on the machine; 0 for only the first start.
 
     Returns:
         The result.

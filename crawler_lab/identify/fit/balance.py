@@ -33,6 +33,8 @@ _INSIDE = 0.2
 """Part of the largest tension or elongation by which a limit is moved to where it is reached."""
 _WIDEST = 3.0
 """Standard deviations of the lag within which it is searched."""
+_STEP = 1e-6
+"""Step of differences in time [s]."""
 _TOWARDS_ORIGIN = 1e-3
 """Weight that fixes the scale where only ratios follow from the balance."""
 
@@ -112,53 +114,131 @@ def estimate(
     """
     from scipy.optimize import least_squares  # loads in 0.2 s
 
-    origin = space.to_coordinates(space.origin)
     start = _reach_limits(seen, space, start) if limited else start
-
-    mean, deviation = sensor.lag
-    spread = [float(np.ptp(one.x)) for one in seen]
-    ends = np.cumsum([0, *(one.x.shape[1] - 1 if one.replica.starts else 0 for one in seen)])
-    begun = origin.size + 1
-
-    def shift(unknowns: np.ndarray, k: int) -> np.ndarray:
-        """Read by how much the contacts of a recording are displaced against the first one, shape (N,) [m]."""
-        own = unknowns[begun + ends[k] : begun + ends[k + 1]]
-        return np.append(0.0, spread[k] * own) if own.size else np.zeros(seen[k].x.shape[1])
-
-    def errors(unknowns: np.ndarray) -> np.ndarray:
-        coordinates = unknowns[: origin.size]
-        values, lag = space.to_values(coordinates), mean + deviation * float(unknowns[begun - 1])
-        parts = [_errors(one, values, lag, shift(unknowns, k)) for k, one in enumerate(seen)]
-        if any(part is None for part in parts):
-            return np.full(size, np.inf)
-        away = np.concatenate((coordinates - origin, unknowns[begun - 1 :]))
-        return np.concatenate([*parts, _TOWARDS_ORIGIN * away])  # type: ignore[list-item]
-
-    size = sum(one.x.size for one in seen) + begun + int(ends[-1])
-    wide = np.full(ends[-1], np.inf)
-    first = np.concatenate((space.to_coordinates(start), [0.0], np.zeros(ends[-1])))
-    for k, one in enumerate(seen):
-        if one.replica.starts:  # as if the springs were relaxed in the first row
-            at = one.replica.relaxed(start)
-            if at is None:
-                return None
-            apart = (at - at[0]) - (one.first - one.first[0])
-            first[begun + ends[k] : begun + ends[k + 1]] = apart[1:] / spread[k]
-    if not np.isfinite(errors(first)).all():
+    balance = Balance(seen, space, sensor)
+    count, first = space.origin.size, balance.begin(start)
+    if first is None or not np.isfinite(balance.errors(first)).all():
         return None
+    wide = np.full(first.size - count - 1, np.inf)
     low = np.concatenate((space.to_coordinates(space.low), [-_WIDEST], -wide))
     high = np.concatenate((space.to_coordinates(space.high), [_WIDEST], wide))
     options: Any = {"loss": "soft_l1", "f_scale": 0.02, "max_nfev": 60, "x_scale": 1.0}
+    options["jac"] = balance.slopes if all(one.replica.is_affine for one in seen) else "2-point"
     try:
-        found: Any = least_squares(errors, np.clip(first, low, high), "2-point", bounds=(low, high), **options)
+        found: Any = least_squares(balance.errors, np.clip(first, low, high), bounds=(low, high), **options)
     except ValueError:  # a difference stepped to values that are not valid
         return None
-    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(begun + int(ends[-1]), np.bool_)])
-    jacobian, coordinates = np.abs(found.jac[slides, : origin.size]), found.x[: origin.size]
+    slides = np.concatenate([*(one.sliding.ravel() != 0 for one in seen), np.zeros(first.size, np.bool_)])
+    jacobian, coordinates = np.abs(found.jac[slides, :count]), found.x[:count]
     loose = space.logarithmic & (jacobian.max(axis=0) <= _LOOSE * jacobian.max())
-    values = space.to_values(np.minimum(np.where(loose, coordinates + np.log(_MORE), coordinates), high[: origin.size]))
-    starts = [one.first + shift(found.x, k) for k, one in enumerate(seen)]
-    return values, mean + deviation * float(found.x[begun - 1]), starts
+    values = space.to_values(np.minimum(np.where(loose, coordinates + np.log(_MORE), coordinates), high[:count]))
+    starts = [one.first + balance.shift(found.x, k) for k, one in enumerate(seen)]
+    return values, balance.lag(found.x), starts
+
+
+class Balance:
+    """By how much contacts are out of balance, relative to the mean force, as a function of unknowns.
+
+    These are the coordinates of the parameters, the lag in units of its deviation, and the shifts of the contacts of
+    recordings whose start is unknown against the first contact, in units of the motion.
+    """
+
+    def __init__(self, seen: list[Seen], space: Space, sensor: Sensor) -> None:
+        """Count the unknowns.
+
+        Args:
+            seen: the recordings.
+            sensor: the prior of the lag.
+        """
+        self._seen, self._space, (self._mean, self._deviation) = seen, space, sensor.lag
+        self._origin, self._begun = space.to_coordinates(space.origin), space.origin.size + 1
+        self._spread = [float(np.ptp(one.x)) for one in seen]
+        self._ends = np.cumsum([0, *(one.x.shape[1] - 1 if one.replica.starts else 0 for one in seen)])
+        self._size = sum(one.x.size for one in seen) + self._begun + int(self._ends[-1])
+
+    def _own(self, k: int) -> slice:
+        """Select the unknown shifts of a recording."""
+        return slice(self._begun + self._ends[k], self._begun + self._ends[k + 1])
+
+    def begin(self, start: np.ndarray) -> np.ndarray | None:
+        """Build the unknowns at which springs are relaxed in the first rows.
+
+        Args:
+            start: values of the parameters, shape (P,).
+
+        Returns:
+            Shape (U,); None if the values are not valid.
+        """
+        found = np.concatenate((self._space.to_coordinates(start), np.zeros(1 + self._ends[-1])))
+        for k, one in enumerate(self._seen):
+            if one.replica.starts:
+                at = one.replica.relaxed(start)
+                if at is None:
+                    return None
+                apart = (at - at[0]) - (one.first - one.first[0])
+                found[self._own(k)] = apart[1:] / self._spread[k]
+        return found
+
+    def lag(self, unknowns: np.ndarray) -> float:
+        """Read the lag [s]."""
+        return self._mean + self._deviation * float(unknowns[self._begun - 1])
+
+    def shift(self, unknowns: np.ndarray, k: int) -> np.ndarray:
+        """Read by how much the contacts of a recording are displaced against the first one.
+
+        Args:
+            k: number of the recording.
+
+        Returns:
+            Shape (N,) [m].
+        """
+        own = unknowns[self._own(k)]
+        return np.append(0.0, self._spread[k] * own) if own.size else np.zeros(self._seen[k].x.shape[1])
+
+    def errors(self, unknowns: np.ndarray) -> np.ndarray:
+        """Compute the errors.
+
+        Returns:
+            Of all recordings, then small ones of the unknowns themselves, shape (R,); infinite at values that are not
+            valid.
+        """
+        values = self._space.to_values(unknowns[: self._begun - 1])
+        parts = [
+            _errors(one, one.replica.balance(values, one.time - self.lag(unknowns), one.x + self.shift(unknowns, k)))
+            for k, one in enumerate(self._seen)
+        ]
+        if any(part is None for part in parts):
+            return np.full(self._size, np.inf)
+        away = np.concatenate((unknowns[: self._begun - 1] - self._origin, unknowns[self._begun - 1 :]))
+        return np.concatenate([*parts, _TOWARDS_ORIGIN * away])  # type: ignore[list-item]
+
+    def slopes(self, unknowns: np.ndarray) -> np.ndarray:
+        """Differentiate the errors of replicas that are affine.
+
+        Returns:
+            Shape (R, U).
+        """
+        count, lag = self._begun - 1, self.lag(unknowns)
+        values = self._space.to_values(unknowns[:count])
+        slope, found, first = self._space.slope(values), np.zeros((self._size, unknowns.size)), 0
+        for k, one in enumerate(self._seen):
+            time, x = one.time - lag, one.x + self.shift(unknowns, k)
+            forces = one.replica.balance(values, time, x)
+            assert forces is not None  # errors were finite there
+            early = one.replica.balance(values, time - _STEP, x)
+            assert early is not None
+            d_force, d_bounds, d_shift = one.replica.balance_slopes(values, time, x)
+            rows = np.zeros((*x.shape, unknowns.size)), np.zeros((2, *x.shape, unknowns.size))
+            rows[0][..., :count], rows[1][..., :count] = d_force * slope, d_bounds[:, None] * slope
+            late = self._deviation / _STEP
+            rows[0][..., count] = (early[0] - forces[0]) * late
+            rows[1][..., count] = (np.array(early[1:]) - np.array(forces[1:])) * late
+            own = self._own(k)
+            rows[0][..., own] = d_shift[:, 1:][:, : own.stop - own.start] * self._spread[k]
+            found[first : first + x.size] = _slope_errors(one, forces, *rows)
+            first += x.size
+        found[first:] = _TOWARDS_ORIGIN * np.eye(unknowns.size)
+        return found
 
 
 def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarray:
@@ -176,13 +256,25 @@ def _reach_limits(seen: list[Seen], space: Space, start: np.ndarray) -> np.ndarr
     return np.clip(values, space.low, space.high)
 
 
-def _errors(seen: Seen, values: np.ndarray, lag: float, shift: np.ndarray) -> np.ndarray | None:
+def _errors(seen: Seen, forces: tuple[np.ndarray, ...] | None) -> np.ndarray | None:
     """Compute by how much each contact is out of balance, relative to the mean force, shape (T N,)."""
-    found = seen.replica.balance(values, seen.time - lag, seen.x + shift)
-    if found is None:
+    if forces is None:
         return None
-    force, forward, backward = found
+    force, forward, backward = forces
     ahead, behind = forward - force, backward + force
     wrong = np.minimum(ahead, 0.0) - np.minimum(behind, 0.0)
     wrong = np.where(seen.sliding > 0, ahead, np.where(seen.sliding < 0, -behind, wrong))
     return np.asarray(wrong / max(float(np.abs(force).mean()), 1e-300)).ravel()
+
+
+def _slope_errors(seen: Seen, forces: tuple[np.ndarray, ...], d_force: np.ndarray, d_bounds: np.ndarray) -> np.ndarray:
+    """Differentiate these errors, given the derivatives of forces and of both bounds, shape (T N, U)."""
+    force, forward, backward = forces
+    ahead = (seen.sliding > 0) | ((seen.sliding == 0) & (force > forward))
+    behind = (seen.sliding < 0) | ((seen.sliding == 0) & (force < -backward))
+    wrong = ahead[..., None] * (d_bounds[0] - d_force) - behind[..., None] * (d_bounds[1] + d_force)
+    mean = max(float(np.abs(force).mean()), 1e-300)
+    d_mean = np.mean(np.sign(force)[..., None] * d_force, axis=(0, 1))
+    errors = _errors(seen, forces)
+    assert errors is not None
+    return np.asarray((wrong.reshape(errors.size, -1) - errors[:, None] * d_mean) / mean)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crawler_model.compiled import clock
 from crawler_model.errors import CrawlerError
 
 from .misfit import measure_misfit
@@ -171,7 +170,7 @@ def find_fit(
         problem: the problem; its noise is estimated.
         coarse: the same with fewer rows, on which the starts are compared.
         starts: number of starts, unless an earlier one leads to a fit.
-        seconds: time in which more are tried as long as none does [s]; 0 for only the first start.
+        seconds: work after which no more are tried if none does [s]; 0 for only the first start.
         progress: called with the fraction done, in [0, 1].
 
     Returns:
@@ -187,11 +186,11 @@ def find_fit(
     ends: list[tuple[float, str]] = []
     nearby: list[np.ndarray] = []
     left = np.inf
-    begin = clock()
+    begin = coarse.work.done
     # starts on few rows, until a fit leaves noise alone or two independent starts end alike
     try:
         for k, (family, start) in enumerate(generate_starts(coarse, rng)):
-            spent = (clock() - begin) / seconds if seconds else np.inf
+            spent = (coarse.work.done - begin) / seconds if seconds else np.inf
             if spent >= 1.0 and (k >= starts or (seconds == 0.0 and best is not None)):
                 break
             # a kick starts near the best fit, first with contacts sliding that never do in it

@@ -81,8 +81,23 @@ class Channel:
     linear: np.ndarray
 
 
+@dataclass
+class Work:
+    """What evaluations have cost, counted by their numbers, as a clock would let results depend on the machine.
+
+    Attributes:
+        done: their time on an ordinary processor [s].
+    """
+
+    done: float = 0.0
+
+
 class Problem:
-    """Recordings, the rows that are fitted, their noise, and the unknowns."""
+    """Recordings, the rows that are fitted, their noise, and the unknowns.
+
+    Attributes:
+        work: of all evaluations of this problem, and of others that share it.
+    """
 
     def __init__(
         self,
@@ -101,7 +116,7 @@ class Problem:
             sensor: priors of what the sensors do.
         """
         self.replicas, self.rows, self.space = tuple(replicas), tuple(rows), space
-        self.offset, self.sensor = offset, sensor
+        self.offset, self.sensor, self.work = offset, sensor, Work()
         self.starts = replicas[0].starts
         self.names = (*sensor.unknown, *(f"start {j}" for j in range(self.starts)))
         self.count = space.origin.size + len(self.names) * len(self.replicas)
@@ -241,6 +256,7 @@ class Problem:
         return self._last[1]
 
     def _compute(self, unknowns: np.ndarray) -> Residuals | None:
+        self.work.done += sum(replica.work for replica in self.replicas)
         found, resting, linears, parts = [], [], [], []
         for i in range(len(self.replicas)):
             observed = self._observe(unknowns, i)

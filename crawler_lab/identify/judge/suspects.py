@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -28,8 +27,8 @@ from ..replica.start import relax_start
 from ..sensor.noise import Noise
 from .trials import Prepare, Tried, rate, try_faults
 
-_SECONDS = 30.0
-"""Time of this thread after which no other suspect is tried, however busy the processor is [s]."""
+_WORK = 30.0
+"""Work after which no other suspect is tried [s]."""
 _ROWS = 300
 """Rows of each recording in a trial."""
 _EVALUATIONS, _FEW, _STARTS = 12, 4, 2
@@ -114,7 +113,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
     Returns:
         What each leaves, the best one first.
     """
-    until = time.thread_time() + _SECONDS
+    until = problem.work.done + _WORK
     noises = {(one.recording, one.channel): one.noise for one in misfits}
     prepare = functools.partial(_set_noise, noises=noises, floor=problem.floor)
     kept = [_choose_rows(rows) for rows in problem.rows if rows.any()]
@@ -135,7 +134,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
             return np.inf
 
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if time.thread_time() > until or any(map(_explains, found)):
+        if problem.work.done > until or any(map(_explains, found)):
             break
         costs = {amount: attempt(trial, amount) for amount in trial.amounts}
         if trial.continuous:
@@ -177,6 +176,7 @@ def _fit_again(
     replicas = [Replica(begun, m, keys, "identify", relaxed is not None) for m in recordings]
     rows = [np.ones(m.time.size, np.bool_) for m in recordings]
     trial = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
+    trial.work = problem.work
     prepare(trial)
     values = [problem.space.origin, problem.space.to_values(fit.unknowns[: problem.space.origin.size])]
     first = next(generate_starts(trial, np.random.default_rng(0)))[1]

@@ -7,7 +7,6 @@ measurements helps in the end.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from ..fit.problem import Problem, Residuals
 from ..fit.starts import generate_starts
 from ..replica.replica import Replica
 from ..replica.start import relax_start
-from ..replica.stepped import SteppedReplica, count_operations
+from ..replica.stepped import Dynamics, SteppedReplica
 from .faults import Changed, Fault, find_stain, is_inside, list_faults
 from .seen import Seen, move, see_motion
 
@@ -39,8 +38,8 @@ _FITS = 1.5
 """Mean square, in units of the noise, of rows that the model fits."""
 _FIRST, _HALVINGS = 0.2, 5
 """Part of a recording that the model must fit to fail later, and steps to find when."""
-_MOST_OPERATIONS = 1e8
-"""Of one evaluation that steps through time."""
+_LONGEST = 0.1
+"""Work of an evaluation that steps through time from which it takes too long [s]."""
 Prepare = Callable[[Problem], None]
 
 
@@ -93,6 +92,7 @@ class FaultProblem(Problem):
         rows = [np.ones(one.measured.time.size, np.bool_) for one in seen]
         super().__init__(replicas, rows, problem.space, problem.offset, problem.sensor)
         self.plain, self._bare, self._seen = self.count, self.replicas, tuple(seen)
+        self.work = problem.work
         self._fault: Fault | None = None
         self._scale = np.zeros(0)
 
@@ -234,7 +234,7 @@ def try_faults(
         fit: its end.
         rows: indices of the rows that are compared, of each recording with fitted rows.
         prepare: sets the noise of a problem.
-        until: time of this thread after which no other fault is tried [s].
+        until: work after which no other fault is tried [s].
 
     Returns:
         What each leaves; nothing for bodies with segments, on ground that differs from place to place, or with
@@ -250,10 +250,10 @@ def try_faults(
         return []
     onset, ahead = _find_onset(problem, plain, base.unknowns, prepare)
     starts = [base.unknowns, trial.unknowns(problem.space.origin), *([] if ahead is None else [ahead])]
-    cheap = all(count_operations(replica) < _MOST_OPERATIONS for replica in plain)
+    cheap = all(SteppedReplica.of(one, Dynamics(1.0), True).work < _LONGEST for one in plain)
     found, size = [], base.residuals.fitted.size
     for fault, begins in _list_all(trial, seen, onset, cheap, starts):
-        if time.thread_time() > until:
+        if trial.work.done > until:
             break
         ended = _fit_fault(trial, fault, seen, begins, base.cost)
         if ended is not None:
@@ -342,6 +342,7 @@ def _find_onset(
     def attempt(until: float) -> Fit | None:
         rows = [replica.measured.time <= until for replica in replicas]
         part = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
+        part.work = problem.work
         prepare(part)
         balanced = next(generate_starts(part, np.random.default_rng(0)))[1]
         begins = [unknowns, part.unknowns(problem.space.origin), *([] if balanced is None else [balanced])]

@@ -34,6 +34,8 @@ from .start import find_moves, walk_in
 
 _MOST_NUMBERS = 200_000_000
 _AFFINE = 1e-12
+_EVALUATION, _NUMBER = 4e-3, 5e-8
+"""Time of an evaluation, and of each number of it, on an ordinary processor [s]."""
 _EXCESS = 1e-9
 """Part of all forces by which one may be beyond its bound at the start."""
 _CALLER = "identify"
@@ -80,6 +82,7 @@ class Replica:
         start_values: the values of the parameters in the scene, shape (P,).
         weight: time that an evaluation takes, relative to that where all arrays of the scene are affine in the
             parameters and derivatives exact [1]; infinity where it takes long at any size.
+        is_affine: whether all arrays of the scene are affine in the parameters, and springs are linear.
         limits: the parameters that move a limit, a stop or another knot of a spring.
         starts: number of unknown numbers of the start, see `start`; 0 if it is known.
         factors: by which the model's own values in the rows of recorded commands are multiplied, shape (K, C) [1]; None
@@ -87,6 +90,7 @@ class Replica:
     """
 
     derivative_error = 0.0
+    is_affine = False
     starts = 0
     factors: np.ndarray | None = None
 
@@ -117,12 +121,12 @@ class Replica:
         self._local = differentiate_arrays(self._base, self._keys, _CALLER)
         self.start_values = self._local.values
         self.limits: list[int] = np.flatnonzero(self._local.pieces[:, (BEGIN, END)].any(axis=(0, 1))).tolist()
-        self._is_affine = False
+        self.is_affine = False
         if self._is_recorded and not self._base.body.bends:
             far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
             with contextlib.suppress(SceneError):
-                self._is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
-        self.weight = 1.0 if self._is_affine else np.inf
+                self.is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
+        self.weight = 1.0 if self.is_affine else np.inf
         self._moves = find_moves(self._base) if unknown_start else None
         self.starts = 0 if self._moves is None else self._base.body.springs
 
@@ -156,6 +160,15 @@ class Replica:
         other = copy.copy(self)
         other.measured, other.factors = measured, factors
         return other
+
+    @property
+    def work(self) -> float:
+        """Time of an evaluation on an ordinary processor, by the numbers that are computed [s]."""
+        return _EVALUATION + _NUMBER * self._rows * self.body.contacts * (1 + self.start_values.size + self.starts)
+
+    @property
+    def _rows(self) -> int:
+        return self.measured.time.size + max(self.measured.command_time.size, self._base.drive.times.size)
 
     @property
     def body(self) -> Body:
@@ -239,6 +252,26 @@ class Replica:
         """
         plan = self._plan(values, with_derivatives=False)
         return None if plan is None else _find_balance(plan[0], time, x)
+
+    def balance_slopes(
+        self, values: np.ndarray, time: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Differentiate forces and their bounds at given positions where all arrays are affine and have no factors.
+
+        Returns:
+            Derivatives of the forces with respect to the parameters, shape (T, N, P); of both bounds, shape (2, N, P);
+            and of the forces with respect to each position, shape (N, N).
+        """
+        plan = self._plan(values)
+        assert plan is not None
+        scene, derivatives = plan
+        body, springs, n = scene.body, scene.body.springs, scene.body.contacts
+        lengths = scene.drive.sample(np.rint(np.maximum(time, 0.0) * NS).astype(np.int64))[:, :springs]
+        stretch = body.elongation(x) - lengths
+        columns = [body.spring_force(stretch * column) for column in derivatives.stiffness.T]
+        d_force = np.stack(columns, axis=-1) if columns else np.zeros((*x.shape, 0))
+        bounds = derivatives.targets[0, springs : springs + 2 * n].reshape(2, n, -1)
+        return d_force, bounds, body.spring_force(body.stiffness * body.elongation(np.eye(n))).T
 
     def relaxed(self, values: np.ndarray) -> np.ndarray | None:
         """Compute the displacement at the start of the scene.
@@ -325,7 +358,7 @@ class Replica:
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives there or elsewhere; None if they are not valid."""
         local, base = self._local, self._base
-        if not self._is_affine and not np.array_equal(values, local.values):
+        if not self.is_affine and not np.array_equal(values, local.values):
             try:
                 base = self._scene_at(values)
                 local = dataclasses.replace(local, values=values)

@@ -26,6 +26,8 @@ _STEP = 2e-3
 _DIFFERENCE = 1e-3
 """Step of the differences, relative to values."""
 _SWEEPS, _SETTLED = 100, 1e-9
+_TERM, _USUAL = 1e-9, 10
+"""Time of a term of a step on an ordinary processor [s], and the usual number of sweeps of a step."""
 
 
 class Dynamics(NamedTuple):
@@ -65,6 +67,13 @@ class SteppedReplica(Replica):
         other.__dict__.update(replica.__dict__)
         other.dynamics, other.derivatives = dynamics, derivatives
         return other
+
+    @property
+    def work(self) -> float:
+        """Time of an evaluation on an ordinary processor, by the terms of its steps [s]."""
+        runs = 1 + (self.start_values.size + self.starts) * self.derivatives
+        steps = float(self.measured.time[-1]) / _STEP
+        return super().work + _TERM * _USUAL * steps * self.body.contacts**2 * runs
 
     def predict(
         self,
@@ -127,19 +136,6 @@ class SteppedReplica(Replica):
         bounds = np.ascontiguousarray(targets[:, body.springs : body.springs + 2 * body.contacts])
         follow_dynamics(path, speed, right, mass, spring, viscous, force, bounds)
         return interpolate_rows(at, times, path)
-
-
-def count_operations(replica: Replica) -> float:
-    """Count the terms of one evaluation with derivatives.
-
-    Args:
-        replica: the recording.
-
-    Returns:
-        Their number, at ten sweeps a step [1].
-    """
-    unknowns = 1 + replica.start_values.size + replica.starts
-    return 10.0 * float(replica.measured.time[-1]) / _STEP * replica.body.contacts**2 * unknowns
 
 
 @entry

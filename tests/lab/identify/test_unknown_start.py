@@ -8,8 +8,13 @@ import json
 import numpy as np
 import pytest
 
-from crawler_lab import Measurements, identify, predict
+from crawler_lab import Measurements, Sensor, identify, predict
+from crawler_lab.identify.fit.balance import Balance, see
+from crawler_lab.identify.fit.space import build_space
+from crawler_lab.identify.measurements import check_measurements
+from crawler_lab.identify.replica.replica import Replica
 from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_lab.sweep.keys import expand_keys
 from crawler_model import Scene, simulate
 
 from .laboratory import KEYS, count_inside, cut_robot, guess_robot
@@ -138,6 +143,28 @@ def test_a_start_that_is_told_is_known() -> None:
     found = identify(scaled(document, {keys[0]: 1.2}), [measured], keys, hold_out=0.0)
     assert {p.verdict for p in found.parameters} == {"identified"}
     assert found.starts == (None,)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_slopes_of_the_balance_are_differences_of_its_errors(told: bool) -> None:
+    document = robot()
+    measured = cut(document, noise=1e-4)
+    scene = Scene.model_validate(document | {"start": "relaxed"})
+    keys = expand_keys(scene, [*KEYS, "body.links.stiffness[1]"], "identify")
+    replica = Replica(scene, check_measurements(scene, measured), keys, unknown_start=not told)
+    seen = see(replica, np.ones(replica.measured.time.size, np.bool_))
+    assert seen is not None
+    balance = Balance([seen], build_space(keys, replica.start_values, None), Sensor())
+    first = balance.begin(replica.start_values * 1.1)
+    assert first is not None
+    at = first + 0.01 * np.random.default_rng(0).normal(size=first.size)
+    slopes, errors = balance.slopes(at), balance.errors(at)
+    for u, step in enumerate(1e-7 * np.eye(at.size)):
+        ahead, behind = balance.errors(at + step), balance.errors(at - step)
+        smooth = np.abs(ahead + behind - 2.0 * errors) < 1e-9
+        assert smooth.mean() > 0.9
+        difference = (ahead - behind) / 2e-7
+        assert slopes[smooth, u] == pytest.approx(difference[smooth], abs=1e-5)
 
 
 def test_a_prediction_from_sums_is_that_of_the_robot() -> None:
