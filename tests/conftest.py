@@ -75,8 +75,8 @@ def compile_jumps() -> None:
     import numpy as np
 
     from crawler_model import Crawler, load_scene
+    from crawler_model.motion.account import ACCOUNT_SIZE
     from crawler_model.motion.plane.jump import jump
-    from crawler_model.motion.state import ACCOUNT_SIZE
 
     state = Crawler(load_scene("scissors"))._state
     arrays = state.x, state.gained, state.command, state.turned

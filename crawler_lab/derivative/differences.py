@@ -14,7 +14,7 @@ import numpy as np
 
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
-from crawler_model.motion.state import SPENT
+from crawler_model.motion.account import SPENT
 from crawler_model.run.account import average_displacement
 from crawler_model.scene.scene import Scene
 

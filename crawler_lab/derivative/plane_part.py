@@ -12,7 +12,7 @@ import numpy as np
 
 from crawler_model.compiled import compiled, inner, lean
 from crawler_model.motion.plane.equal_steps import extrapolate_number
-from crawler_model.motion.plane.stage import solve_stage
+from crawler_model.motion.plane.implicit_step import solve_stage
 from crawler_model.motion.plane.translation import choose_translation
 from crawler_model.motion.plane.walk import command_at
 

@@ -13,13 +13,13 @@ from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.errors import CommandError
+from crawler_model.motion.account import WORK, empty_account
 from crawler_model.motion.plane.elastic import pull
 from crawler_model.motion.plane.frame import Frame
 from crawler_model.motion.plane.friction import measure_margins
 from crawler_model.motion.plane.motion import build_plane_motion
 from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, predict_first_slide
 from crawler_model.motion.plane.walk import AT_ONCE
-from crawler_model.motion.state import WORK, empty_account
 from crawler_model.run.account import tolerance_of
 from crawler_model.run.screw import gain_in_frame, to_frame
 

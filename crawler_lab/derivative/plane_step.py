@@ -15,8 +15,8 @@ from crawler_model.compiled import inner, lean
 from crawler_model.motion.plane.elastic import pull, stretch
 from crawler_model.motion.plane.frame import columns_of, friction_of, norm
 from crawler_model.motion.plane.friction import axis_of, linearise
+from crawler_model.motion.plane.implicit_step import find_step
 from crawler_model.motion.plane.polygon import corner_of, nearest_face
-from crawler_model.motion.plane.stage import find_step
 
 
 class Rates(NamedTuple):

@@ -12,12 +12,12 @@ from crawler_model.body.drive import NS, Drive
 from crawler_model.body.plan import Plan
 from crawler_model.crawler.method import default_budget
 from crawler_model.errors import CommandError
+from crawler_model.motion.account import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.line.build import build_curves
 from crawler_model.motion.line.records import zeros
 from crawler_model.motion.line.springs.records import Curves
 from crawler_model.motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
-from crawler_model.motion.state import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.run.repeats import determining_tension
 
 from .elimination import build_band

@@ -9,7 +9,7 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.crawler.readout import Readout
-from crawler_model.motion.state import ACCOUNT_SIZE
+from crawler_model.motion.account import ACCOUNT_SIZE
 from crawler_ros.wire.states import StationReader, shown_contacts
 
 from .kernel import layout

@@ -1,4 +1,4 @@
-"""Tasks: what an environment rewards, and towards what it moves."""
+"""Tasks: the numbers that define a reward, and towards what an environment moves; `kernel.lane` computes the reward."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
-from crawler_ros.recording.layouts import JOINT_STATE, TRAJECTORY, Decoder
+from crawler_ros.recording.decode import JOINT_STATE, TRAJECTORY, Decoder
 from crawler_ros.recording.recorded_robot import noted_robot, robot_in
 from crawler_ros.wire.states import contact_names
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from crawler_model.crawler.method import default_budget
 from crawler_model.errors import CommandError
+from crawler_model.motion.account import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.motion.follow import build_motion
-from crawler_model.motion.state import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.scene.scene import Scene
 
 from ..derivative.parameters import Derivatives, collect_pieces

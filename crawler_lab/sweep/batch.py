@@ -12,9 +12,9 @@ import numpy as np
 
 from crawler_model.body.drive import NS, Drive
 from crawler_model.crawler.method import default_budget
+from crawler_model.motion.account import empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.margin import visited_margins
-from crawler_model.motion.state import empty_account
 from crawler_model.run.simulate import default_duration
 
 from .course import exact_course, most_ramps

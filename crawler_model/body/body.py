@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import join
+from .backlash import Backlash, build_backlash
 from .curves import Bend
 from .limits import Limits, build_limits
-from .play import Play, build_play
 from .segment import Segment
 from .turning import Turning, find_forces, measure_shape, relax_shape, wrap
 
@@ -101,16 +101,16 @@ class Body:
         return any(bend.is_flat_somewhere for bend in self.bends)
 
     @functools.cached_property
-    def play(self) -> Play | None:
+    def backlash(self) -> Backlash | None:
         """The slacks between commands and actuators; None where there are none."""
-        return build_play(self.bends)
+        return build_backlash(self.bends)
 
     @functools.cached_property
     def memory(self) -> str:
         """What of the body remembers its path, as springs with hysteresis do; empty if nothing."""
         if any(bend.sliders for bend in self.bends):
             return "springs with hysteresis"
-        return "" if self.play is None else "actuators with backlash"
+        return "" if self.backlash is None else "actuators with backlash"
 
     def start_lengths(self, commanded: np.ndarray) -> np.ndarray:
         """Compute the rest lengths at the start of a scene.
@@ -121,10 +121,10 @@ class Body:
         Returns:
             L, same shape [m].
         """
-        if self.play is None:
+        if self.backlash is None:
             return commanded
         lengths = np.array(commanded)
-        lengths[..., self.play.springs] += self.play.ahead
+        lengths[..., self.backlash.springs] += self.backlash.ahead
         return lengths
 
     @functools.cached_property

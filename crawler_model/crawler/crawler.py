@@ -12,8 +12,8 @@ from ..body.body import Body
 from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
 from ..errors import CommandError
+from ..motion.account import ACCOUNT_SIZE, empty_account
 from ..motion.follow import State, build_motion
-from ..motion.state import ACCOUNT_SIZE, empty_account
 from ..notebook import write_html, write_numbers
 from .command import write_command
 from .method import Method, choose_method, default_budget
@@ -109,8 +109,8 @@ class Crawler:
             L of each spring at the end of each ramp, shape (V, S), in the plane (V, 2 S), with joints (V, S + J)
             [m, rad].
         """
-        play, lengths = self.body.play, targets[:, : self.body.lengths]
-        return lengths if play is None else play.lead_along(self.actuation[play.springs], lengths)
+        backlash, lengths = self.body.backlash, targets[:, : self.body.lengths]
+        return lengths if backlash is None else backlash.lead_along(self.actuation[backlash.springs], lengths)
 
     @property
     def forward(self) -> np.ndarray:

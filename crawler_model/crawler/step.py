@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..motion.jump import Jump
-from ..motion.state import (
+from ..motion.account import (
     AMBIGUOUS,
     COMPLEMENTARITY,
     DISSIPATION,
@@ -25,6 +24,7 @@ from ..motion.state import (
     VISITED,
     WORK,
 )
+from ..motion.jump import Jump
 from ..notebook import write_html
 
 
@@ -52,7 +52,7 @@ class Step:
 
     Attributes:
         velocity: displacement gained, shape (N,), in the plane (N, 2) [m].
-        account: the entries behind the properties, in the order defined in `motion.state`, shape (15,).
+        account: the entries behind the properties, in the order defined in `motion.account`, shape (15,).
         jumps: of contacts that crossed a border onto ground that holds less, in order.
     """
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..compiled import compiled
+from ..motion.account import empty_account
 from ..motion.line.follow import follow
 from ..motion.line.motion import LineMotion
-from ..motion.state import empty_account
 from .crawler import Crawler
 from .readout import Readout, read_records
 
@@ -25,7 +25,7 @@ def runs_in_one_call(crawler: Crawler) -> bool:
         followed tick by tick.
     """
     motion = crawler._motion
-    simple = crawler.body.play is None and not crawler.body.segments and not crawler.scene.columns.loads
+    simple = crawler.body.backlash is None and not crawler.body.segments and not crawler.scene.columns.loads
     return isinstance(motion, LineMotion) and motion.track is None and simple
 
 

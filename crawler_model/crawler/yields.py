@@ -1,4 +1,4 @@
-"""How long actuators were beyond the limits of their tension: tendons slack, motors stalled."""
+"""How long actuators were beyond the limits of their tension: tendons slack, motors stalled. Events: `line.springs`."""
 
 from __future__ import annotations
 

@@ -126,9 +126,9 @@ class Motion(Protocol):
             targets: rows as in `Columns.target`, shape (V, S + 2 N).
             exact: True to follow every event, False for one catch-up step per ramp (in the plane, refined steps).
             budget: upper limit of work in one ramp, as for `Crawler`.
-            account: entries as in `motion.state`, shape (15,), added to.
+            account: entries as in `motion.account`, shape (15,), added to.
             records: output: displacement, its rest and tension after each ramp, shape (V, 2 N + S), or no rows. With
-                SPENT further columns also what `motion.state.record_spent` writes.
+                SPENT further columns also what `motion.account.record_spent` writes.
 
         Returns:
             The jumps on patches of ground; None where the ground is the same everywhere.

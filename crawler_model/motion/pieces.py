@@ -71,7 +71,7 @@ def follow_pieces(
         scratch: memory from the motion.
         targets: as for `Motion.follow`, shape (V, F).
         budget: upper limit of work in one ramp.
-        account: entries as in `motion.state`, shape (15,), added to.
+        account: entries as in `motion.account`, shape (15,), added to.
         records: output, as for `Motion.follow`.
         changes: whether to note the changes of contacts instead.
 

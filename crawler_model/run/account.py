@@ -10,7 +10,7 @@ import numpy as np
 from ..body.body import Body
 from ..body.plan import Plan
 from ..body.turning import TURNING_TOLERANCE
-from ..motion.state import (
+from ..motion.account import (
     AMBIGUOUS,
     DISSIPATION,
     EVENTS,

@@ -18,9 +18,9 @@ from ..body.body import Body
 from ..body.drive import NS
 from ..body.plan import Plan
 from ..crawler.method import default_budget
+from ..motion.account import empty_account
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces
-from ..motion.state import empty_account
 from ..theory.uniqueness import find_blocks
 
 UNDAMPED, DAMPED, BOUND = 0.25, 0.1, 0.4

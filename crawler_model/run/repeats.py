@@ -84,7 +84,7 @@ def has_left_all_ground(crawler: Crawler, gained: float, room: float = 0.0) -> b
 def _remembering(body: Body) -> np.ndarray:
     """List the springs of the elements of hysteresis, then of the actuators with backlash, shape (H + B,)."""
     sliders = list_sliders(body.bends)[:, 0].astype(np.int64)
-    return sliders if body.play is None else np.concatenate((sliders, body.play.springs))
+    return sliders if body.backlash is None else np.concatenate((sliders, body.backlash.springs))
 
 
 def tensions_repeat(

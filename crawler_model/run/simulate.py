@@ -13,7 +13,7 @@ from ..crawler.crawler import Crawler
 from ..crawler.method import Method, choose_method
 from ..crawler.step import Step
 from ..errors import CommandError
-from ..motion.state import SPENT
+from ..motion.account import SPENT
 from ..theory.uniqueness import commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
 from .inertia import Inertia, start_meter

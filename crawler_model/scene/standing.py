@@ -98,7 +98,7 @@ def measure_gains(assembly: Assembly) -> np.ndarray:
 
 def _find_interval(account: np.ndarray, drive: Drive) -> np.ndarray:
     """Find the interval of translations in the account of a run, as a mean over its periods, shape (2,) [m]."""
-    from ..motion.state import AMBIGUOUS, GAIN_LEAST, GAIN_MOST  # with kernels, which a mere scene does not need
+    from ..motion.account import AMBIGUOUS, GAIN_LEAST, GAIN_MOST  # with kernels, which a mere scene does not need
 
     interval = account[[GAIN_LEAST, GAIN_MOST]] if account[AMBIGUOUS] else np.zeros(2)
     return np.asarray(interval / (1 if drive.period is None else _PERIODS))

@@ -6,7 +6,7 @@ import numpy as np
 
 from crawler_model.body.drive import NS
 from crawler_model.compiled import compiled, entry, inlined, inner
-from crawler_model.motion.state import (
+from crawler_model.motion.account import (
     AMBIGUOUS,
     COMPLEMENTARITY,
     DISSIPATION,

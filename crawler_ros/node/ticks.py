@@ -14,8 +14,8 @@ from crawler_model import CommandError, Crawler, Scene, prepare
 from crawler_model.body.drive import NS
 from crawler_model.crawler.readout import find_turn
 from crawler_model.crawler.ticks import follow_ticks, runs_in_one_call
+from crawler_model.motion.account import ACCOUNT_SIZE
 from crawler_model.motion.jump import Jump
-from crawler_model.motion.state import ACCOUNT_SIZE
 from crawler_model.run.screw import to_frame
 
 from ..viewer.frames import time_jumps

@@ -16,8 +16,8 @@ from crawler_model.body.drive import NS
 from crawler_model.run.ticks import rational_rate
 
 from ..recording import bag
+from ..recording.decode import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, rows_at
 from ..recording.incidents import DIAGNOSTICS, Parts, read_diagnostics
-from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, rows_at
 from ..recording.recorded_robot import Robot, noted_robot, robot_in
 
 _STAMPED = (JOINT_STATE, TRAJECTORY, POSE, ODOMETRY, "rosgraph_msgs/msg/Clock")

@@ -9,7 +9,7 @@ import numpy as np
 from crawler_model import Crawler
 
 from ..recording import bag
-from ..recording.layouts import JOINT_STATE, TRAJECTORY, Decoder
+from ..recording.decode import JOINT_STATE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from ..wire.states import StationReader, shown_contacts
 from .health import Survey, next_ticks_ns

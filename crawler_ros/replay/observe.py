@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..recording import bag
-from ..recording.layouts import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, Decoder
+from ..recording.decode import JOINT_STATE, ODOMETRY, POSE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from .health import Survey
 from .parts import Parts, parts_by_name

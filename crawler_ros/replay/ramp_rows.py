@@ -17,7 +17,7 @@ from crawler_model.body.planar_loads import split_target
 from crawler_model.crawler.readout import Readout
 from crawler_model.crawler.step import Step
 from crawler_model.crawler.ticks import follow_ticks
-from crawler_model.motion.state import AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK, empty_account
+from crawler_model.motion.account import AMBIGUOUS, DISSIPATION, INTERNAL, LOADS_WORK, VISITED, WORK, empty_account
 from crawler_model.run.account import average_displacement
 from crawler_model.run.screw import to_frame
 from crawler_model.run.trajectory import TimedJump

@@ -15,7 +15,7 @@ from crawler_model.crawler.ticks import runs_in_one_call
 from crawler_model.run.account import tolerance_of
 
 from ..recording import bag
-from ..recording.layouts import JOINT_STATE, POSE, TRAJECTORY, Decoder
+from ..recording.decode import JOINT_STATE, POSE, TRAJECTORY, Decoder
 from ..recording.recorded_robot import Robot
 from ..wire.measured import MEASURED, MeasuredStates
 from ..wire.states import contact_names, joint_state_names, shown_contacts

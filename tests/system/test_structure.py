@@ -363,11 +363,11 @@ def test_a_chain_compiles_nothing_that_other_bodies_need(tmp_path):
     run = """
 from crawler_model import load_scene, simulate
 from crawler_model.motion.line import clusters, path
-from crawler_model.motion.line.ground import borders, falls, jumps
+from crawler_model.motion.line.ground import borders, falls, ramp_bounds
 from crawler_model.motion.line.springs import bends
 simulate(load_scene("two_anchor_a"), duration=0.1)
 needed = [len(k.signatures) for k in (path.solve_path, path._find_first_flow)]
-others = (bends.find_pieces, clusters._form_leaf, clusters._wake, borders.set_bound, falls._let_all_fall, jumps.place_anew)
+others = (bends.find_pieces, clusters._form_leaf, clusters._wake, borders.set_bound, falls._let_all_fall, ramp_bounds.place_anew)
 print(min(needed) > 0, sum(len(k.signatures) for k in others))
 """
     cold = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "0"}

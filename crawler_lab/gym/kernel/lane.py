@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from crawler_model.compiled import compiled, inner
-from crawler_model.motion.state import WORK
+from crawler_model.motion.account import WORK
 
 from .layout import (
     ACCOUNT,

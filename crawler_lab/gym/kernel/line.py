@@ -6,8 +6,8 @@ import numpy as np
 
 from crawler_model.compiled import compiled, inner
 from crawler_model.crawler.readout import read_records
+from crawler_model.motion.account import VISITED
 from crawler_model.motion.line.follow import follow
-from crawler_model.motion.state import VISITED
 
 from .lane import command, end_of_step, observe
 from .layout import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_layout, part

@@ -7,7 +7,7 @@ import numpy as np
 from ...compiled import entry, inlined, lean
 from ...errors import LARGEST
 from ...rounding import MISSED
-from .. import state
+from .. import account as entries
 from .advance import advance, advance_spring
 from .block import leave_bounds, size_of_terms
 from .clusters import wake_all
@@ -18,7 +18,7 @@ from .ground.borders import ROUNDING
 from .ground.chords import begin_chords
 from .ground.couplings import couplings_of, rest_couplings
 from .ground.gradual import is_gradual
-from .ground.jumps import begin_bounds, finish_bounds, place_anew
+from .ground.ramp_bounds import begin_bounds, finish_bounds, place_anew
 from .ground.steps import return_to_start
 from .ground.walls import blocked_sides, has_walls
 from .records import BACKWARD, DONE, FORWARD, SPENT, UNSOLVED, Couplings, Model, Terrain
@@ -266,7 +266,7 @@ def _record(contacts, springs, curves, account, row):
     for j in range(count):
         row[2 * n + j] = springs[j].tension
     if row.shape[0] > 2 * n + count:
-        state.record_spent(account, row)
+        entries.record_spent(account, row)
         _record_remembered(springs, curves, row)
 
 
@@ -275,7 +275,7 @@ def _record_remembered(springs, curves, row):
     """Write the energy stored in sliders to its place at the end of a row of the records."""
     if curves is None:
         return
-    row[row.shape[0] - state.SPENT] = energy_remembered(springs, curves.bends, curves.sliders)
+    row[row.shape[0] - entries.SPENT] = energy_remembered(springs, curves.bends, curves.sliders)
 
 
 @inlined
@@ -293,21 +293,21 @@ def _begin_account(ramp):
 def _add_ramp(account, ramp):
     """Add the account of the ramp to the total; what is lost in jumps is not lost to friction."""
     own = ramp.account
-    account[state.WORK] += own.work
-    account[state.DISSIPATION] += own.dissipation - ramp.fall.lost
-    account[state.LOADS_WORK] += own.loads_work
-    account[state.INTERNAL] += own.internal
-    account[state.RESIDUAL] += own.residual
-    account[state.EVENTS] += own.events
-    account[state.GAIN_LEAST] += own.gain_least
-    account[state.GAIN_MOST] += own.gain_most
-    account[state.OVERSPENT] += own.overspent
-    account[state.UNSOLVED] += own.unsolved
-    account[state.ROUNDING] += own.rounding
-    account[state.VIOLATION] = max(account[state.VIOLATION], own.violation)
-    account[state.COMPLEMENTARITY] = max(account[state.COMPLEMENTARITY], own.complementarity)
-    account[state.AMBIGUOUS] = max(account[state.AMBIGUOUS], own.ambiguous)
-    account[state.VISITED] = min(account[state.VISITED], own.visited)
+    account[entries.WORK] += own.work
+    account[entries.DISSIPATION] += own.dissipation - ramp.fall.lost
+    account[entries.LOADS_WORK] += own.loads_work
+    account[entries.INTERNAL] += own.internal
+    account[entries.RESIDUAL] += own.residual
+    account[entries.EVENTS] += own.events
+    account[entries.GAIN_LEAST] += own.gain_least
+    account[entries.GAIN_MOST] += own.gain_most
+    account[entries.OVERSPENT] += own.overspent
+    account[entries.UNSOLVED] += own.unsolved
+    account[entries.ROUNDING] += own.rounding
+    account[entries.VIOLATION] = max(account[entries.VIOLATION], own.violation)
+    account[entries.COMPLEMENTARITY] = max(account[entries.COMPLEMENTARITY], own.complementarity)
+    account[entries.AMBIGUOUS] = max(account[entries.AMBIGUOUS], own.ambiguous)
+    account[entries.VISITED] = min(account[entries.VISITED], own.visited)
 
 
 @lean
@@ -363,7 +363,7 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
         0, or the direction in which nothing holds the body or a part of it, 1 or -1; it has then stopped. 2 if a length
         is not finite or too large; then nothing has changed.
     """
-    checked = account.shape[0] == state.ACCOUNT_SIZE
+    checked = account.shape[0] == entries.ACCOUNT_SIZE
     if not checked:
         for j in range(springs.shape[0]):
             if not abs(targets[0, j]) <= LARGEST:
@@ -394,9 +394,9 @@ def follow(contacts, springs, ramps, memory, targets, account, records):
             _record(contacts, springs, curves, account, records[v])
     _forget_rounding(contacts, ramp)
     add_interval(contacts, model.curves, ramp, account)
-    if account[state.VISITED] == np.inf:  # no command changed
-        account[state.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)
+    if account[entries.VISITED] == np.inf:  # no command changed
+        account[entries.VISITED] = find_margin(contacts, springs, model, model.curves, ramp, contacts[0].since)
     if not checked:
         for i in range(contacts.shape[0]):
-            account[state.ACCOUNT_SIZE + i] = contacts[i].gained
+            account[entries.ACCOUNT_SIZE + i] = contacts[i].gained
     return 0

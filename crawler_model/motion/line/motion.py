@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...body.backlash import Backlash
 from ...body.body import Body
 from ...body.couplings import add_friction
 from ...body.ground import Track
-from ...body.play import Play
 from ...compiled import compiled
 from ...errors import CommandError
+from ..account import WORK, dissipated
 from ..jump import Jump
 from ..margin import visited_margin
 from ..pieces import CHANGE, NO_PIECES, locate_parts
-from ..state import WORK, dissipated
 from . import build
 from .follow import follow
 from .ground.borders import ROUNDING
@@ -56,8 +56,8 @@ class LineState:
         loaded: whether the body has loads.
         feet: FOOT, shape (N,); None without patches of ground.
         sliders: SLIDER, shape (H,); None without springs with hysteresis.
-        led: the commanded lengths of actuators with backlash, as in `Play`, shape (B,) [m]; None without any.
-        play: the play of these; None without any.
+        led: the commanded lengths of actuators with backlash, as in `Backlash`, shape (B,) [m]; None without any.
+        backlash: the backlash of these; None without any.
     """
 
     contacts: np.ndarray
@@ -66,7 +66,7 @@ class LineState:
     feet: np.ndarray | None = None
     sliders: np.ndarray | None = None
     led: np.ndarray | None = None
-    play: Play | None = None
+    backlash: Backlash | None = None
 
     @property
     def _held(self) -> np.ndarray:
@@ -111,8 +111,8 @@ class LineState:
     def commanded(self) -> np.ndarray:
         """Those commanded, from which L differs within the backlash of actuators, shape (S,) [m]."""
         lengths = self.actuation
-        if self.play is not None:
-            lengths[self.play.springs] = self.led
+        if self.backlash is not None:
+            lengths[self.backlash.springs] = self.led
         return lengths
 
     @property
@@ -163,7 +163,7 @@ class LineState:
         sliders = None if self.sliders is None else copy_records(self.sliders)
         led = None if self.led is None else self.led.copy()
         contacts, springs = copy_records(self.contacts), copy_records(self.springs)
-        return LineState(contacts, springs, self.loaded, feet, sliders, led, self.play)
+        return LineState(contacts, springs, self.loaded, feet, sliders, led, self.backlash)
 
     def restore(self, kept: LineState) -> None:
         """Return to former numbers.
@@ -211,7 +211,7 @@ class LineMotion:
     @property
     def simple(self) -> bool:
         """Whether every ramp can be followed in one call: actuators without backlash, and nothing runs away."""
-        return self.track is None and self.body.play is None and not self.body.has_flat_springs
+        return self.track is None and self.body.backlash is None and not self.body.has_flat_springs
 
     @property
     def samples_margin(self) -> bool:
@@ -220,7 +220,7 @@ class LineMotion:
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
         """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
-        commanded, play = target[..., : self.body.springs], self.body.play
+        commanded, backlash = target[..., : self.body.springs], self.body.backlash
         springs = build.build_springs(self.body, x, self.body.start_lengths(commanded))
         bounds = target[..., self.body.springs :]
         loaded, feet = bounds.shape[-1] > 2 * self.body.contacts, None
@@ -232,8 +232,8 @@ class LineMotion:
         if feet is not None:
             contacts["bounds_met"] &= ~feet["walled"]
         sliders = build.build_sliders(self.body, springs["elongation"])
-        led = None if play is None else commanded[..., play.springs].copy()
-        return LineState(contacts, springs, loaded, feet, sliders, led, play)
+        led = None if backlash is None else commanded[..., backlash.springs].copy()
+        return LineState(contacts, springs, loaded, feet, sliders, led, backlash)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
@@ -275,14 +275,14 @@ class LineMotion:
 
         Ramps whose commands actuators follow within their backlash are divided where these begin to move.
         """
-        play = state.play
-        if play is None or not targets.shape[0]:
+        backlash = state.backlash
+        if backlash is None or not targets.shape[0]:
             return self._follow(state, scratch, targets, exact, budget, account, records, pieces)
         before = np.concatenate((state.commanded, state.bounds, state.loads))
-        rows, ramp, end = play.divide(state.actuation[play.springs], before, targets)
+        rows, ramp, end = backlash.divide(state.actuation[backlash.springs], before, targets)
         noted = np.empty((rows.shape[0] if records.shape[0] else 0, records.shape[1]))
         jumps = self._follow(state, scratch, rows, exact, budget, account, noted, pieces)
-        state.led = targets[-1, play.springs].copy()
+        state.led = targets[-1, backlash.springs].copy()
         last = np.append(np.flatnonzero(np.diff(ramp)), ramp.size - 1)
         if records.shape[0]:
             records[:] = noted[last]

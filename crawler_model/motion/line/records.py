@@ -321,7 +321,7 @@ ACCOUNT = np.dtype(
     ],
     align=True,
 )
-"""The account of a ramp, as in `motion.state`."""
+"""The account of a ramp, as in `motion.account`."""
 RAMP = np.dtype(
     [
         ("s", _FLOAT),  # place on the ramp, 0 .. 1; in a fall, place on it, -1 .. 0

@@ -13,5 +13,5 @@ Args:
     at: where its friction begins in a command.
     k: the spring: a link, a component of a vector spring, or a joint.
     c: 0 for x, 1 for y.
-    account: entries as in `motion.state`, added to, shape (15,).
+    account: entries as in `motion.account`, added to, shape (15,).
 """

@@ -17,8 +17,8 @@ import numpy as np
 
 from ...body.regions import Regions
 from ...errors import CommandError
+from ..account import AMBIGUOUS, DISSIPATION
 from ..jump import Jump
-from ..state import AMBIGUOUS, DISSIPATION
 from .frame import friction_columns
 from .friction import find_slip, resist_all
 from .state import PlanarState

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...compiled import entry, lean
-from ..state import LOADS_WORK, WORK, dissipated
+from ..account import LOADS_WORK, WORK, dissipated
 from .frame import friction_of, load_of, norm, span, unwind
 
 BALANCED, _CLOSELY, _ROUNDING = 0.01, 1e-3, 1e-12

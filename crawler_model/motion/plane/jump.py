@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from ...compiled import compiled, inner, lean
-from ..state import DISSIPATION, EVENTS, LOADS_WORK, WORK
+from ..account import DISSIPATION, EVENTS, LOADS_WORK, WORK
 from .elastic import energy_of
 from .frame import assign, friction_of, load_of, norm, span, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, resistance
+from .implicit_step import solve_stage
 from .stability import decreases, least_eigenvalue, stiffness_of
-from .stage import solve_stage
 from .walk import command_at, work_of
 
 _MOST_STEPS = 20000

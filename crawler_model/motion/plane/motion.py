@@ -14,8 +14,8 @@ from ...body.plan import Plan
 from ...body.regions import Regions
 from ...body.turning import TURNING_TOLERANCE, measure_angles
 from ...errors import CommandError
+from ..account import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, SPENT, VISITED, WORK
 from ..jump import Jump
-from ..state import ACCOUNT_SIZE, AMBIGUOUS, DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, SPENT, VISITED, WORK
 from .borders import Crossing
 from .elastic import balances
 from .frame import Frame, build_frame, friction_columns

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...compiled import compiled, inner, lean
 from ...rounding import CRITICAL, EPS
-from ..state import (
+from ..account import (
     AMBIGUOUS,
     COMPLEMENTARITY,
     DISSIPATION,
@@ -24,9 +24,9 @@ from .ends import find_end, round_down, snap
 from .equal_steps import farthest, settles_within
 from .frame import Frame, columns_of, friction_of, load_of, norm, unwind, yaw_of
 from .friction import ON_BOUNDARY, gap_of, load_part, resistance
+from .implicit_step import approach, solve_stage
 from .polygon import time_to_edge
 from .stability import UNSTABLE, decreases, least_eigenvalue, stiffness_of
-from .stage import approach, solve_stage
 from .translation import choose_translation, is_held
 from .walk import (
     AT_END,

@@ -16,8 +16,8 @@ from .elastic import pull, stretch
 from .equal_steps import extrapolate_number, farthest, find_stop, settling_way
 from .frame import friction_of, load_of, norm
 from .friction import gap_of, load_part, resistance
+from .implicit_step import solve_stage
 from .polygon import ON
-from .stage import solve_stage
 from .translation import choose_translation, stay
 
 _WALKS = 6

@@ -13,8 +13,8 @@ from crawler_model.errors import CommandError
 
 from . import checks
 from .commanded_path import CommandedPath, Trajectory, Vertex, Vertices
+from .decode import wrong_point
 from .limits import Limits
-from .received import wrong_point
 
 MOST_ROWS, MOST_BYTES = 100_000, 1 << 27
 """The largest queue: command rows, and the memory that they take."""

@@ -12,8 +12,8 @@ from crawler_model.body.drive import NS
 
 from ...wire.topics import Topic, open_subscription
 from .commands import CommandQueue
+from .decode import read_array, read_joints, read_trajectory
 from .peers import RIVAL_TOPICS, Arrivals, Turns, publishers_of, publishers_of_other_types
-from .received import read_array, read_joints, read_trajectory
 from .refusals import Refusals, Throttle
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from crawler_model.body.drive import NS
 from crawler_model.run.trajectory import TimedJump
 from crawler_pictures.run.pixels import join_states
 
-from ...recording.layouts import JOINT_STATE, TRAJECTORY
+from ...recording.decode import JOINT_STATE, TRAJECTORY
 from ..health import Survey
 from ..ramps import Piece
 from ..slips import sliding

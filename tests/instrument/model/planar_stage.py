@@ -9,11 +9,11 @@ from scipy.sparse import csr_array
 
 from crawler_model.body.body import Body
 from crawler_model.compiled import compiled
+from crawler_model.motion.account import ACCOUNT_SIZE, VISITED
 from crawler_model.motion.plane.frame import Frame, build_frame
+from crawler_model.motion.plane.implicit_step import approach, solve_stage
 from crawler_model.motion.plane.motion import PlaneMotion
-from crawler_model.motion.plane.stage import approach, solve_stage
 from crawler_model.motion.plane.translation import choose_translation
-from crawler_model.motion.state import ACCOUNT_SIZE, VISITED
 
 from .cone_program import laplacian_of
 

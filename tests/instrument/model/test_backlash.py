@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from crawler_lab.sweep.many_runs import simulate_many
 from crawler_lab.sweep.vary import vary
+from crawler_model.body.backlash import build_backlash
 from crawler_model.body.curves import Bend, line
-from crawler_model.body.play import build_play
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.crawler.ticks import runs_in_one_call
 from crawler_model.errors import SceneError
@@ -70,7 +70,7 @@ def test_a_body_with_backlash_is_one_without_whose_commands_are_led(data, kind):
         "segments": [part | {"backlash": 0.0} for part in parts["segments"]],
     }
     free = Scene.model_validate(body.data | {"body": parts | tight})
-    assert free.body.play is None
+    assert free.body.backlash is None
     crawler, other = Crawler(loose), Crawler(free)
     lengths, before = np.zeros(loose.body.springs), loose.drive.targets[0]
     reach = np.zeros(loose.body.springs)
@@ -98,7 +98,7 @@ def test_a_body_with_backlash_is_one_without_whose_commands_are_led(data, kind):
 def test_ramps_are_divided_where_actuators_begin(rows, widths):
     """Whole numbers, so that actuators begin together, at the ends of ramps, and not at all."""
     bends = [Bend(k, line(1.0), line(0.0), (), float(width), 0.0) for k, width in enumerate(widths)]
-    play = build_play(bends)
+    play = build_backlash(bends)
     if play is None:
         return
     targets = np.array(rows, dtype=np.float64)

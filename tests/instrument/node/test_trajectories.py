@@ -9,7 +9,7 @@ pytest.importorskip("rosbags")
 from rosbags.typesys import Stores, get_typestore
 
 from crawler_model import CommandError
-from crawler_ros.node.intake.received import read_trajectory
+from crawler_ros.node.intake.decode import read_trajectory
 
 from .test_commands import NS, queue, take
 

@@ -16,9 +16,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from crawler_model import CommandError, Scene, load_scene
 from crawler_ros.node.intake import commands as commands_module
 from crawler_ros.node.intake.commands import CommandQueue
+from crawler_ros.node.intake.decode import read_array, read_trajectory
 from crawler_ros.node.intake.limits import command_limits
 from crawler_ros.node.intake.peers import Arrivals, SecondSimulator
-from crawler_ros.node.intake.received import read_array, read_trajectory
 
 from ...processes import memory_mb, wait_until
 from .graph import graph

@@ -12,9 +12,9 @@ from crawler_lab.derivative.parameters import differentiate_arrays
 from crawler_lab.derivative.tangent_path import Stretch, TangentPath, build_vertices
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.crawler.method import default_budget
+from crawler_model.motion.account import ACCOUNT_SIZE
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import follow_pieces
-from crawler_model.motion.state import ACCOUNT_SIZE
 
 from ...instrument.model.segments import segment, unequal, various
 

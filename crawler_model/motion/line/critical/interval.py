@@ -12,7 +12,7 @@ backwards.
 from __future__ import annotations
 
 from ....compiled import inlined, lean
-from ...state import GAIN_LEAST, GAIN_MOST
+from ...account import GAIN_LEAST, GAIN_MOST
 from ..springs.bends import find_lengths, is_flat
 from ..springs.parts import member
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene
+from crawler_model.motion.account import DISSIPATION, OVERSPENT, UNSOLVED, WORK, empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces
-from crawler_model.motion.state import DISSIPATION, OVERSPENT, UNSOLVED, WORK, empty_account
 
 from ..hard_cases import chords, grid, ladder
 

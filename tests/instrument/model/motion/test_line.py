@@ -12,9 +12,7 @@ import pytest
 
 from crawler_model import Crawler, Scene
 from crawler_model.body.body import Body
-from crawler_model.motion.line import build
-from crawler_model.motion.line.motion import LineMotion
-from crawler_model.motion.state import (
+from crawler_model.motion.account import (
     AMBIGUOUS,
     DISSIPATION,
     GAIN_LEAST,
@@ -28,6 +26,8 @@ from crawler_model.motion.state import (
     WORK,
     empty_account,
 )
+from crawler_model.motion.line import build
+from crawler_model.motion.line.motion import LineMotion
 
 from ..chains import from_rows
 

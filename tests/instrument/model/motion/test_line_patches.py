@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene
+from crawler_model.motion.account import DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, UNSOLVED, WORK
 from crawler_model.motion.jump import Jump
-from crawler_model.motion.state import DISSIPATION, LOADS_WORK, OVERSPENT, RESIDUAL, UNSOLVED, WORK
 
 from ..bodies import Drawn
 from ..rational_bends import NotUniqueError, RationalBentBody, RationalCurve, RationalGround, RationalLink

@@ -7,8 +7,7 @@ import pytest
 
 from crawler_model.body.directions import check_directions
 from crawler_model.errors import CommandError, SceneError
-from crawler_model.motion.plane.motion import PlaneMotion
-from crawler_model.motion.state import (
+from crawler_model.motion.account import (
     ACCOUNT_SIZE,
     AMBIGUOUS,
     DISSIPATION,
@@ -18,6 +17,7 @@ from crawler_model.motion.state import (
     VIOLATION,
     WORK,
 )
+from crawler_model.motion.plane.motion import PlaneMotion
 
 from ..cone_program import solve_with_clarabel
 from ..planar_stage import CROSS, DISC, Rig, Step, body_of, frame_of

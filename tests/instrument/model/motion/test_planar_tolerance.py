@@ -11,8 +11,8 @@ import pytest
 
 from crawler_model import Crawler, Scene
 from crawler_model.compiled import compiled
+from crawler_model.motion.account import EVENTS
 from crawler_model.motion.plane.walk import _missed
-from crawler_model.motion.state import EVENTS
 
 from ..planar_ramps import Planar, on_a_line, random_line
 from ..planar_reference import Reference

@@ -23,7 +23,7 @@ _NEAR = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Play:
+class Backlash:
     """The slacks of B actuators.
 
     Attributes:
@@ -98,14 +98,14 @@ class Play:
         return places[np.diff(places, prepend=0.0) > _NEAR].tolist()  # type: ignore[no-any-return]
 
 
-def build_play(bends: Sequence[Bend]) -> Play | None:
-    """Build the play of the actuators of a body.
+def build_backlash(bends: Sequence[Bend]) -> Backlash | None:
+    """Build the backlash of the actuators of a body.
 
     Args:
         bends: its springs that are not linear, or have backlash.
 
     Returns:
-        The play; None if no actuator has backlash.
+        The backlash; None if no actuator has backlash.
     """
     table = np.array([(bend.spring, 0.5 * bend.backlash, bend.ahead) for bend in bends if bend.backlash > 0.0])
-    return Play(table[:, 0].astype(np.int64), table[:, 1], table[:, 2]) if table.size else None
+    return Backlash(table[:, 0].astype(np.int64), table[:, 1], table[:, 2]) if table.size else None
