@@ -39,8 +39,8 @@ LEAF_SIZE = 8
 SHORTEST_BLOCK = 64
 """Contacts of a block from which they fall asleep."""
 PROJECTS_AFTER = 2
-"""Visits of a row, for each contact of a path, after which it is solved by `project`, whence the search for sides goes
-on. An implicit step begins with it: it is far from the velocities before it, while an event changes few of them."""
+"""Rounds of the search for the sides of a path after which it goes on from the result of `project`. An implicit step
+begins with that: it is far from the velocities before it, while an event changes few of them."""
 PATIENCE = 10
 """Rounds, in addition to one for each contact, without fewer violations before contacts are exchanged one by one:
 sliding may spread from both ends of a body by one contact a round."""

@@ -120,14 +120,6 @@ def _wake(contacts, springs, clusters, ramp, k):
 
 
 @lean
-def _wake_within(contacts, springs, clusters, ramp, first, last):
-    """Wake the clusters that lie within contacts first .. last, parents before their children."""
-    for k in range(clusters.shape[0] - 1, -1, -1):
-        if clusters[k].sleeps and first <= clusters[k].first and clusters[k].last <= last:
-            _wake(contacts, springs, clusters, ramp, k)
-
-
-@lean
 def wake_all(contacts, springs, clusters, ramp):
     """Wake all clusters: their contacts are moved, and their account is added to the ramp's.
 
@@ -139,31 +131,10 @@ def wake_all(contacts, springs, clusters, ramp):
     asleep = ramp.search.asleep != 0
     if asleep:
         ramp.search.asleep = 0
-        _wake_within(contacts, springs, clusters, ramp, 0, contacts.shape[0] - 1)
+        for k in range(clusters.shape[0] - 1, -1, -1):  # parents before their children
+            if clusters[k].sleeps:
+                _wake(contacts, springs, clusters, ramp, k)
     return asleep
-
-
-@inlined
-def wake_block(contacts, springs, block, clusters, ramp, count):
-    """Wake the clusters of a block, which must then be found anew.
-
-    Args:
-        ramp: the RAMP; `woken` is set if there are any.
-
-    Returns:
-        Whether any were asleep.
-    """
-    if clusters is None:
-        return False
-    found = False
-    for j in range(count if ramp.search.asleep else 0):
-        found |= block[j].cluster >= 0
-    if not found:
-        return False
-    last = block[count - 1].contact
-    _wake_within(contacts, springs, clusters, ramp, last + 1 - ramp.search.path, last)
-    ramp.search.woken = 1
-    return True
 
 
 @inlined

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
-from .clusters import wake_block, wake_turning
+from .clusters import wake_turning
 from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
 from .ground.gradual import holds
 from .ground.unstable import is_stable, search_sides, turns_unstable
@@ -191,8 +191,7 @@ def find_sides(contacts, springs, model, ramp, count):
     best, waited, last_only = count + 1, 0, False
     hurries = ramp.search.hurries != 0 and ramp.search.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.search.patience if hurries else ramp.search.patience + count
-    visits = 0 if ramp.stepping else ramp.search.projects_after * ramp.search.path
-    projects = ramp.search.path > 0
+    projects_after = 0 if ramp.stepping or ramp.search.asleep else ramp.search.projects_after
     keep_limits(couplings_of(model.ground), block, count)
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
@@ -203,12 +202,9 @@ def find_sides(contacts, springs, model, ramp, count):
             return found > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
-        # a long path starts from its projection, which is solved in linear time
-        if projects and turn * count >= visits:
-            projects = False
+        # from the projection, which takes linear time, the search does not wake clusters on its way to the answer
+        if turn == projects_after and ramp.search.path > 0:
             if _is_loose(ramp, block, model.curves, count):
-                return False
-            if wake_block(contacts, springs, block, model.clusters, ramp, count):
                 return False
             project(model, ramp, count)
         # where all slide, K is singular: one contact is kept at rest as the reference of the velocities

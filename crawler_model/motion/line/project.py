@@ -126,5 +126,6 @@ def project(model, ramp, count):
     flow, close = zero, 32.0 * EPS * most  # at a limit within rounding, the velocity decides
     for j in range(count - 1, -1, -1):
         e = block[j]
-        e.side = 1 if flow >= e.zero + e.upper - close else (-1 if flow <= e.zero + e.lower + close else 0)
+        if e.cluster < 0:  # else all its contacts slide on as they do
+            e.side = 1 if flow >= e.zero + e.upper - close else (-1 if flow <= e.zero + e.lower + close else 0)
         flow = e.zero if e.side == 0 else flow - (e.upper if e.side > 0 else e.lower)

@@ -275,7 +275,7 @@ SEARCH = np.dtype(
         ("asleep", _BYTE),  # whether clusters may be asleep
         ("leaf_size", _INT),  # number of contacts of a leaf, and of the parts of other clusters
         ("shortest", _INT),  # number of contacts of a block in which they fall asleep
-        ("projects_after", _INT),  # visits of a row, for each contact, after which the search goes on from a projection
+        ("projects_after", _INT),  # rounds after which it goes on from a projection
         ("patience", _INT),  # rounds without progress before it exchanges contacts one by one
         ("undetermined", _BYTE),  # whether the whole body slides and nothing determines its translation
         ("left", _INT),  # breakpoints of `project`: the first of them for v < 0, the last of them for v > 0
