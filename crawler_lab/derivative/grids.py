@@ -11,6 +11,7 @@ side of it another contact rests in place of the point. The derivatives are then
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -28,6 +29,8 @@ _ERRORS = 2.5
 """Standard errors of the mean by which it may differ from the derivatives of the continuous body."""
 RESOLVED = 0.05
 """Derivatives that may differ by a larger part do not describe the continuous body."""
+SCATTERED = 0.01
+"""Derivatives that differ by a larger part from grid to grid share the error of the gain."""
 SIDES = 0.025
 """The same for the derivatives on both sides of a kink of the grid."""
 _TILT = 1e-8
@@ -130,3 +133,38 @@ def average_grids(grids: np.ndarray, travel: float, values: np.ndarray) -> tuple
     mean = grids.mean(axis=0)
     error = _ERRORS * grids.std(axis=0, ddof=1) / math.sqrt(len(grids))
     return mean, np.asarray(error.max(axis=0, initial=0.0) / _find_size(mean[None], travel, values))
+
+
+def compare_steps(sides: np.ndarray, travel: float, values: np.ndarray) -> np.ndarray:
+    """Compare differences of the net translation on grids, by steps of two sizes to both sides.
+
+    Args:
+        sides: to both sides by the shorter steps, then by longer ones twice as long, shape (G, 4, K, P).
+        travel: how far the body moves [m].
+        values: of the parameters, shape (P,).
+
+    Returns:
+        The largest amount by which the sizes disagree, or by which a kink parts the sides for certain, as a part of the
+        largest derivative with respect to the same parameter, shape (P,).
+    """
+    fine, coarse = sides[:, :2], sides[:, 2:]
+    apart = np.abs(fine.mean(axis=(0, 1)) - coarse.mean(axis=(0, 1)))
+    bend = 2.0 * (fine[:, 0] - fine[:, 1]) - (coarse[:, 0] - coarse[:, 1])  # without what is curved
+    sure = np.abs(bend.mean(axis=0)) - _ERRORS * bend.std(axis=0, ddof=1) / math.sqrt(len(bend))
+    size = _find_size(sides.mean(axis=(0, 1))[None], travel, values)
+    return np.asarray(np.maximum(apart, sure).max(axis=0, initial=0.0) / size)
+
+
+def find_trend(gains: Sequence[float], elements: Sequence[int]) -> float:
+    """Find how far gains on grids are off on average, if their errors are proportional to the size of an element.
+
+    Args:
+        gains: the gain on each grid [m].
+        elements: their numbers.
+
+    Returns:
+        The error, as a part of the gain.
+    """
+    size = 1.0 / np.array(elements)
+    slope, gain = np.polyfit(size, gains, 1)
+    return float(abs(slope) * size.mean() / max(abs(gain), np.finfo(np.float64).tiny))

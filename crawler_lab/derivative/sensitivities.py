@@ -20,13 +20,25 @@ from crawler_model.notebook import write_html, write_numbers
 from crawler_model.run.screw import largest_distance
 from crawler_model.run.simulate import default_duration, simulate
 from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
+from crawler_model.run.trajectory import Trajectory
 from crawler_model.scene.assembly import Assembly
 from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import check_form, expand_keys, with_loads
-from .differences import differentiate_by_runs
-from .grids import RESOLVED, SIDES, are_small, average_grids, compare_sides, other_grids, tilt
+from .differences import differentiate_by_runs, differentiate_grid
+from .grids import (
+    RESOLVED,
+    SCATTERED,
+    SIDES,
+    are_small,
+    average_grids,
+    compare_sides,
+    compare_steps,
+    find_trend,
+    other_grids,
+    tilt,
+)
 from .parameters import Derivatives, differentiate_arrays
 from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 from .tangent_path import Stretch, TangentPath, Vertices, build_vertices
@@ -82,7 +94,8 @@ class Sensitivities:
             there are none [1].
         unresolved: parameters with respect to which the derivatives of the net translation of a body with segments, the
             means of several grids, may be off by more than a twentieth; bool, shape (P,). Small ones are, too, where a
-            segment slides next to an end, but on all grids only within an element.
+            segment slides next to an end, but on all grids only within an element, or where they are differences of
+            runs; and those that scatter where the gain itself depends on the grid.
     """
 
     parameters: tuple[str, ...]
@@ -136,8 +149,8 @@ def sensitivities(
     with the events in the order in which they are met. In the plane, where paths are curved, the path is followed to
     1e-8, and differentiated by the matrices of its implicit steps; `tolerance` is the difference to the derivatives of
     a path that is followed to 1e-7. Bodies with hysteresis or backlash, friction that changes with elongations, and
-    ground with patches, a profile or walls have central differences of runs; `tolerance` is by how much the differences
-    to both sides differ.
+    ground with patches, a profile, regions or walls have central differences of runs; `tolerance` is by how much those
+    to both sides, or of two sizes, differ.
 
     A waypoint's derivatives are taken at the moving waypoint for gains and work, and at the fixed time for
     displacements. The first time of a drive, which is 0, and the last waypoint of a drive that ends with its period,
@@ -153,8 +166,7 @@ def sensitivities(
         The derivatives at the times of `simulate(scene, duration, rate)`.
 
     Raises:
-        SceneError: if a key is unknown or names no number of the scene, if it has no drive, or segments with
-            hysteresis, backlash, friction that changes with elongations, or ground with patches, a profile or walls.
+        SceneError: if a key is unknown or names no number of the scene, or if it has no drive.
         CommandError: if duration or rate is out of range, a ramp has too many events, or the body jumps.
     """
     scene = coerce_scene(scene, "sensitivities")
@@ -173,13 +185,14 @@ def sensitivities(
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
+    travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
     if scene.can_be_differenced:
-        return _differentiate_by_runs(scene, keys, tick_ns)
+        found = _differentiate_by_runs(scene, keys, tick_ns)
+        return _average_over_grids(scene, found, keys, tick_ns, travel, rate) if scene.body.segments else found
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     if scene.dimension == 1:
-        travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
         found = _differentiate_on_line(scene, derivatives, tick_ns, travel)
-        return _average_over_grids(scene, found, keys, tick_ns, travel) if scene.body.segments else found
+        return _average_over_grids(scene, found, keys, tick_ns, travel, rate) if scene.body.segments else found
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
@@ -189,15 +202,15 @@ def sensitivities(
 
 
 def _differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarray) -> Sensitivities:
-    """Differentiate a run of a body on a line without exact derivatives."""
+    """Differentiate a run without exact derivatives; of a body with segments on its grid."""
     found = differentiate_by_runs(scene, keys, tick_ns)
     return Sensitivities(
         parameters=found.names,
         values=frozen(found.values),
         time=frozen(np.concatenate(([0], tick_ns)) / NS),
         displacement=frozen(found.displacement),
-        net_translation=frozen(np.einsum("n,tnp->tp", scene.body.share, found.displacement)),
-        yaw=frozen(np.zeros((tick_ns.size + 1, found.values.size))),
+        net_translation=frozen(np.einsum("n,tn...->t...", scene.body.share, found.displacement)),
+        yaw=frozen(found.yaw),
         per_period=frozen(found.per_period),
         work=frozen(found.work),
         period_work=frozen(found.period_work),
@@ -211,31 +224,49 @@ def _differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarra
 
 
 def _average_over_grids(
-    scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, travel: float
+    scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, travel: float, rate: float
 ) -> Sensitivities:
     """Average the derivatives of the net translation of a body with segments over grids."""
-    runs = [found]
     try:
-        for grid in other_grids(scene):
-            derivatives = differentiate_arrays(grid, keys, "sensitivities")
-            runs.append(_differentiate_on_line(grid, derivatives, tick_ns, travel))
+        grids = [scene, *other_grids(scene)]
+        gains = [_last_gain(simulate(grid, float(found.time[-1]), rate)) for grid in grids]
+        if scene.can_be_differenced:
+            sides, hides = map(np.stack, zip(*(differentiate_grid(grid, keys, tick_ns) for grid in grids), strict=True))
+            table, missed = sides.mean(axis=1), compare_steps(sides, travel, found.values)
+        else:
+            runs = [found]
+            for grid in grids[1:]:
+                derivatives = differentiate_arrays(grid, keys, "sensitivities")
+                runs.append(_differentiate_on_line(grid, derivatives, tick_ns, travel))
+            table = np.stack([np.concatenate((run.net_translation, run.per_period)) for run in runs])
+            hides, missed = np.stack([run.unresolved for run in runs]), np.zeros(found.values.size)
     except (SceneError, CommandError):  # no derivative exists there
         everything = frozen(np.ones(len(found.parameters)), np.bool_)
         return dataclasses.replace(found, tolerance=math.nan, unresolved=everything)
-    translation, error = average_grids(np.stack([run.net_translation for run in runs]), travel, found.values)
-    gains, error_of_gains = average_grids(np.stack([run.per_period for run in runs]), travel, found.values)
-    error = np.maximum(error, error_of_gains)
-    hidden = np.all([run.unresolved for run in runs], axis=0) & are_small(translation, travel, found.values)
-    unresolved = (error > RESOLVED) | hidden
-    shift = translation - found.net_translation
+    mean, error = average_grids(table, travel, found.values)
+    error, small = np.maximum(error, missed), np.zeros(error.size, dtype=bool)
+    first = tick_ns.size + 1
+    parts = [slice(0, first), *(slice(k, k + 1) for k in range(first, mean.shape[0]))]
+    for part in parts:  # each period beside itself: a first one that goes far hides no error of later ones
+        error = np.maximum(error, average_grids(table[:, part], travel, found.values)[1])
+        small |= are_small(mean[part], travel, found.values)
+    trend = find_trend(gains, [grid.body.element_ends.shape[0] for grid in grids])
+    error = np.where(error > SCATTERED, np.maximum(error, trend), error)
+    unresolved = ~(error <= RESOLVED) | (hides.all(axis=0) & small)
+    shift = np.where(np.isfinite(mean[:first]), mean[:first] - found.net_translation, 0.0)
     return dataclasses.replace(
         found,
         displacement=frozen(found.displacement + shift[:, None]),
-        net_translation=frozen(translation),
-        per_period=frozen(gains),
+        net_translation=frozen(found.net_translation + shift),
+        per_period=frozen(np.where(np.isfinite(mean[first:]), mean[first:], found.per_period)),
         tolerance=math.nan if unresolved.all() else float(error[~unresolved].max()),
         unresolved=frozen(unresolved, np.bool_),
     )
+
+
+def _last_gain(run: Trajectory) -> float:
+    """Return the gain in the last whole period, or in all [m]."""
+    return float(run.per_period[-1] if run.per_period.size else run.net_translation[-1])
 
 
 def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
@@ -320,21 +351,10 @@ def check_differentiable(scene: Scene, caller: str) -> None:
         caller: name of the function, for error messages.
 
     Raises:
-        SceneError: if it has no drive, regions of the ground in the plane, or segments with a memory, or segments on
-            ground that differs from place to place.
+        SceneError: if it has no drive.
     """
     if scene.parts.drive is None:
         raise SceneError(f"{caller}: {scene.name} has no drive; without one nothing moves")
-    if scene.ground.regions is not None:
-        raise SceneError(
-            f"{caller}: {scene.name} has ground.regions, whose borders have no derivatives: `crawler sweep` varies "
-            "numbers"
-        )
-    if scene.dimension == 1 and not (scene.has_exact_derivatives or scene.can_be_differenced):
-        raise SceneError(
-            f"{caller}: {scene.name} {scene.inexact} and segments, of which differences of runs on one grid are no "
-            "derivatives: `crawler sweep` varies their numbers"
-        )
 
 
 def _at_fixed_times(

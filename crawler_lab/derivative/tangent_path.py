@@ -266,8 +266,9 @@ class TangentPath:
     def _divides_an_end(self, moves: np.ndarray) -> bool:
         """Determine from which contacts move, shape (V, N), whether only one contact of an end of a segment does."""
         ends = self._plan.body.element_ends
+        alone = ends.shape[0] == moves.shape[1] - 1  # then the point at rest is known, see `standing`
         lonely = (np.bincount(ends.ravel(), minlength=moves.shape[1]) == 1)[ends].any(axis=1)
-        still = (~moves).sum(axis=1) > 1
+        still = (~moves).sum(axis=1) > alone
         return bool((still[:, None] & lonely & (moves[:, ends[:, 0]] != moves[:, ends[:, 1]])).any())
 
     def _find_elongations(self, x: np.ndarray, pieces: np.ndarray) -> np.ndarray:

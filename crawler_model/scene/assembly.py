@@ -65,8 +65,8 @@ class Assembly:
 
     @property
     def can_be_differenced(self) -> bool:
-        """Whether differences of runs stand for exact derivatives: on a line, of bodies without segments."""
-        return self.dimension == 1 and self.inexact != "" and not self.body.segments
+        """Whether differences of runs stand for exact derivatives: on a line, and on regions in the plane."""
+        return self.inexact != "" if self.dimension == 1 else self.ground.regions is not None
 
     @property
     def inexact(self) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from crawler_lab.derivative.sensitivities import sensitivities
-from crawler_model.errors import SceneError
 from crawler_model.scene.scene import Scene
+
+from ...instrument.model.segments import segment
 
 GAIT = [[0.0, 0.0], [0.11, 0.0], [0.1, 0.12], [0.0, 0.1], [0.0, 0.0]]
 
@@ -82,12 +83,10 @@ def test_a_kink_is_found_and_the_side_of_larger_values_is_taken():
     assert found.kinks[0].contacts == ("contact 1",)
 
 
-def test_segments_that_remember_have_none():
-    segment = {"name": "s", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 4, "backlash": 0.1}
-    friction = {"forward": 0.1, "backward": 0.3}
-    drive = {"times": [0, 1, 2], "period": 2, "actuation": [[0], [0.5], [0]]}
-    scene = Scene.model_validate(
-        {"name": "strip", "body": {"segments": [segment | {"friction": friction}]}, "drive": drive}
-    )
-    with pytest.raises(SceneError, match=r"sensitivities: strip has actuators with backlash and segments.*sweep"):
-        sensitivities(scene, ["body.segments[0].stiffness"])
+def test_the_derivatives_of_a_segment_that_loses_a_stroke():
+    """The gain is (D - b - mu L/E)(M - mu)/(M + mu) L with mu and M forward and backward friction."""
+    scene = segment(0.4, elements=60, backlash=0.1)
+    found = sensitivities(scene, ["body.segments[0].backlash", "body.segments[0].stiffness"], 2.0, 1.0)
+    known = ~found.unresolved
+    assert known.any()
+    assert found.per_period[-1][known] == pytest.approx(np.array([-0.5, 0.05])[known], rel=0.05)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from crawler_lab import sensitivities, vary
-from crawler_model import Scene, SceneError, load_scene, simulate
+from crawler_model import Scene, load_scene, simulate
 
 from ...instrument.model.bodies import CHAIN, GRAPH, ON_GRADUAL_GROUND, Drawn
+from ...instrument.model.segments import segment
 
 K, MU, A, STROKE, LENGTH = 20.0, 0.2, 0.5, 0.1, 0.2
 
@@ -114,13 +115,39 @@ def test_where_the_ground_changes_nothing_they_are_exact_ones(kind, seed):
     assert one.displacement[..., sure] == pytest.approx(two.displacement[..., sure], abs=1e-6)
 
 
-def test_segments_have_none():
-    segment = {"name": "s", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 4}
-    data = two({"walls": [{"at": 2.0, "stops": "forward"}]}).document()
-    data["body"] = {"segments": [segment | {"friction": {"forward": 0.1, "backward": 0.3}}]}
-    del data["friction"]
-    with pytest.raises(SceneError, match=r"sensitivities: two has ground\.walls and segments.*sweep"):
-        sensitivities(Scene.model_validate(data), ["body.segments[0].stiffness"])
+def test_in_the_plane_a_jump_moves_with_the_region_where_it_begins():
+    """The front slides along x onto a region, where the spring balances less friction."""
+    region = {"left_of": [[0.15, 1.0], [0.15, -1.0]], "friction": 0.3}
+    scene = Scene.model_validate(
+        {
+            "name": "onto_ice",
+            "dimension": 2,
+            "body": {"contacts": [[0.0, 0.0], [0.1, 0.0]], "links": {"stiffness": K}},
+            "friction": {"isotropic": [1.0, MU]},
+            "ground": {"regions": [region]},
+            "drive": {"times": [0, 1], "actuation": [[[0.0, 0.0]], [[0.2, 0.0]]]},
+        }
+    )
+    keys = ["drive.actuation[1][0][0]", "friction.isotropic[1]", "ground.regions[0].friction", "body.links.stiffness"]
+    found = sensitivities(scene, keys, 1.0, rate=2.0)
+    assert len(simulate(scene).jumps) == 1
+    expected = [1.0, -0.3 / K, -MU / K, 0.3 * MU / K**2]
+    assert found.displacement[-1, 1] == pytest.approx(np.array([expected, np.zeros(4)]), abs=1e-6)
+    assert found.differentiable
+
+
+def test_a_segment_on_ground_that_is_the_same_everywhere_has_the_derivatives_of_its_closed_form():
+    """Differences over several cells; where the strong side moves the point within one, they are flagged."""
+    stroke, weak, strong, path = 0.2, 0.1, 0.3, "body.segments[0]."
+    ground = {"profile": {"at": [-1.0, 1.0], "friction": [1.0, 1.0]}}
+    scene = Scene.model_validate(segment(stroke, elements=80).document() | {"ground": ground})
+    keys = [path + "friction.forward", path + "friction.backward", path + "stiffness", "drive.actuation[1][0]"]
+    found = sensitivities(scene, keys, 2.0, 1.0)
+    part, beyond, twice = (strong - weak) / (strong + weak), stroke - weak, 2.0 / (strong + weak) ** 2
+    expected = np.array([-part - beyond * strong * twice, beyond * weak * twice, part * weak, part])
+    assert found.per_period[-1] == pytest.approx(expected, rel=0.05)
+    assert (~found.unresolved).sum() >= 2
+    assert 0.0 < found.tolerance <= 0.05
 
 
 @pytest.mark.parametrize("kind", [*ON_GRADUAL_GROUND, "chain on patches", "chain between walls"])

@@ -141,6 +141,13 @@ def test_where_a_segment_slides_within_an_element_next_to_its_end_small_derivati
     assert found.unresolved.tolist() == [False, True, False, False]
 
 
+def test_later_periods_are_judged_beside_themselves_and_waves_by_the_gain() -> None:
+    """A first period goes far, and of waves all grids share the error of the gain, 12 % on the coarsest."""
+    for seed, flags in ((137, [True, False, True, True]), (229, [True, True, True])):
+        document, _ = unequal(seed)
+        assert sensitivities(_cut(document, 80), _keys(document), 2.0, 1.0).unresolved.tolist() == flags
+
+
 def test_the_derivatives_of_contacts_add_up_to_those_of_the_net_translation() -> None:
     scene = _cut(unequal(42)[0], 31)
     found = sensitivities(scene, _keys(unequal(42)[0]), 2.0, 4.0)
