@@ -163,7 +163,7 @@ def find_trend(gains: Sequence[float], elements: Sequence[int]) -> float:
         elements: their numbers.
 
     Returns:
-        The error, as a part of the gain.
+        The error, as a part of the gain [1].
     """
     size = 1.0 / np.array(elements)
     slope, gain = np.polyfit(size, gains, 1)
