@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -65,6 +66,21 @@ class Space:
             Shape (P,).
         """
         return np.where(self.logarithmic, values, self.scale)
+
+    def join(self, name: str, value: float) -> Space:
+        """Add a positive parameter.
+
+        Args:
+            name: its name.
+            value: its value in the scene.
+
+        Returns:
+            The coordinates of all.
+        """
+        own = {"names": name, "origin": value, "low": value / _WIDE, "high": value * _WIDE, "logarithmic": True}
+        own["scale"] = value
+        found: Any = {key: np.append(getattr(self, key), one) for key, one in own.items()}
+        return Space(**found | {"names": (*self.names, name)})
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Draw values within the bounds: the scene's, up to five times smaller or larger.

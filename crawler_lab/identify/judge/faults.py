@@ -214,9 +214,9 @@ def _loosen(seen: Seen, width: float) -> Changed:
 
 def _play(rows: np.ndarray, half: float) -> np.ndarray:
     """Follow rows at a distance of at most `half`, from the middle."""
-    found, now = np.empty(rows.shape), rows[0].copy()
-    for k, row in enumerate(rows):
-        now = np.clip(now, row - half, row + half)
+    found, now, low, high = np.empty(rows.shape), rows[0].copy(), rows - half, rows + half
+    for k in range(rows.shape[0]):
+        now = np.minimum(np.maximum(now, low[k]), high[k])
         found[k] = now
     return found
 

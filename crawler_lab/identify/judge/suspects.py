@@ -25,7 +25,8 @@ from ..measurements import Measurements, check_measurements
 from ..replica.replica import Replica
 from ..replica.start import relax_start
 from ..sensor.noise import Noise
-from .trials import Prepare, Tried, rate, try_faults
+from ..sensor.sensor import Prior
+from .trials import Prepare, Tried, explains, rate, try_faults
 
 _WORK = 30.0
 """Work after which no other suspect is tried [s]."""
@@ -42,8 +43,11 @@ _LATE = (0.0, 0.05, 0.1, 0.15)
 """By how much less than motion the clock may be late, because motion begins after friction is overcome [s]."""
 _RATES = (29.97 / 30.0, 30.0 / 29.97, 24.0 / 25.0, 25.0 / 24.0, 25.0 / 30.0, 30.0 / 25.0)
 """Ratios of clocks that are mistaken for each other, as 29.97 frames a second for 30."""
-_NOISE, _ENOUGH = 1.5, 0.95
-"""Mean square, in units of the noise, and part of the misfit explained, after which no other suspect is tried."""
+_ACTUATORS = "gain"
+_GAIN = Prior(0.0, 0.3)
+"""Prior of the gain of the actuators where it is a suspect [1]."""
+_PROMISING = 0.9
+"""Part of the mean square that the best number leaves from which others near it are tried."""
 _JUMP = 1e-6
 
 _Change = Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
@@ -59,6 +63,8 @@ class Trial(NamedTuple):
     """Numbers that are tried."""
     continuous: bool = False
     """Whether numbers between these are possible."""
+    fitted: str = ""
+    """The number that is fitted with the parameters instead: `gain`, or the key of a parameter."""
     scales: bool = False
     """Whether the number multiplies all that is measured, with its noise."""
 
@@ -96,11 +102,13 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence
         yield Trial(
             "the clock of the positions runs {:.6g} times as fast as that of the commands", _stretch, _RATES, True
         )
-        yield Trial("commanded lengths are {:.4g} times as large", _scale_commands(lengths), (0.8, 0.9, 1.1), True)
+        yield Trial("commanded lengths are {:.4g} times as large", _keep, fitted=_ACTUATORS)
     stiff = any("stiffness" in key for key in keys)
+    parted = isinstance(scene.document()["body"].get("links"), list)
     for k in range(scene.body.springs if scene.body.springs == scene.body.link_springs.size and not stiff else 0):
-        yield Trial(f"stiffness of link_{k} is {{:.3g}} times as large", _scale_stiffness(k), (0.7, 1.3), True)
-    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness(None), (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
+        own = f"body.links[{k}].stiffness" if parted else f"body.links.stiffness[{k}]"
+        yield Trial(f"stiffness of link_{k} is {{:.3g}} times as large", _scale_stiffness, fitted=own)
+    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness, (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
 
 
 def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[Tried]:
@@ -122,67 +130,76 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
         dataclasses.replace(m, time=m.time[at], values=m.values[at]) for m, at in zip(fitted, kept, strict=True)
     ]
     found: list[Tried] = []
-    base = _fit_again(scene, recordings, problem, fit, prepare, np.inf)
+    base = _fit_again(scene, recordings, problem, fit, prepare, np.inf)[0]
 
-    def attempt(trial: Trial, amount: float) -> float:
+    def attempt(trial: Trial, amount: float) -> tuple[float, float]:
         try:
             changed = [trial.change(scene, measured, amount) for measured in recordings]
             scaled = {key: size * amount for key, size in noises.items()} if trial.scales else noises
             own = functools.partial(_set_noise, noises=scaled, floor=problem.floor)
-            return _fit_again(changed[0][0], [check_measurements(*pair) for pair in changed], problem, fit, own, base)
+            checked = [check_measurements(*pair) for pair in changed]
+            left, number = _fit_again(changed[0][0], checked, problem, fit, own, base, trial.fitted)
+            return left, number * amount
         except (CrawlerError, np.linalg.LinAlgError):
-            return np.inf
+            return np.inf, amount
 
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if problem.work.done > until or any(map(_explains, found)):
+        if problem.work.done > until or any(map(explains, found)):
             break
-        costs = {amount: attempt(trial, amount) for amount in trial.amounts}
-        if trial.continuous:
-            _refine(costs, functools.partial(attempt, trial))
-        best = min(costs, key=lambda amount: costs[amount])
-        found.append(rate(base, costs[best], best, trial.what.format(best)))
-    if not any(map(_explains, found)):
+        tried = [attempt(trial, amount) for amount in trial.amounts]
+        if trial.continuous and min(tried)[0] < _PROMISING * base:
+            _refine(tried, functools.partial(attempt, trial))
+        left, amount = min(tried)
+        found.append(rate(base, left, amount, trial.what.format(amount)))
+    if not any(map(explains, found)):
         found += try_faults(scene, problem, fit, kept, prepare, until)
     return sorted(found)
 
 
-def _explains(tried: Tried) -> bool:
-    """Determine whether a trial leaves only noise."""
-    return tried.part > _ENOUGH and tried.left < _NOISE
-
-
-def _refine(costs: dict[float, float], attempt: Callable[[float], float]) -> None:
+def _refine(tried: list[tuple[float, float]], attempt: Callable[[float], tuple[float, float]]) -> None:
     """Add numbers near the best one, at the minima of parabolas."""
     for step in _STEPS:
-        best = min(costs, key=lambda amount: costs[amount])
-        sides = [best * (1.0 - step), best * (1.0 + step)]
-        costs |= {side: attempt(side) for side in sides}
-        low, high = (costs[side] - costs[best] for side in sides)
+        least, best = min(tried)
+        sides = [attempt(best * (1.0 - step)), attempt(best * (1.0 + step))]
+        tried += sides
+        low, high = (left - least for left, _ in sides)
         if np.isfinite(low + high) and low + high > 0.0:
             near = best * (1.0 + float(np.clip(0.5 * (low - high) / (low + high), -1.0, 1.0)) * step)
-            costs[near] = attempt(near)
+            tried.append(attempt(near))
 
 
 def _fit_again(
-    scene: Scene, recordings: list[Measurements], problem: Problem, fit: Fit, prepare: Prepare, worse: float
-) -> float:
-    """Compute the mean square of residuals in units of the noise after short fits from two starts; infinite without.
+    scene: Scene,
+    recordings: list[Measurements],
+    problem: Problem,
+    fit: Fit,
+    prepare: Prepare,
+    worse: float,
+    fitted: str = "",
+) -> tuple[float, float]:
+    """Fit from two starts, with another number if one is named; a fit that is `worse` after few evaluations ends.
 
-    A fit that is still `worse` after few evaluations ends.
+    Returns the least mean square of residuals in units of the noise, infinite without a motion, and this number there,
+    relative to the one of the scene.
     """
-    keys = list(problem.space.names)
+    sensor = dataclasses.replace(problem.sensor, gain=_GAIN) if fitted == _ACTUATORS else problem.sensor
+    keys = [*problem.space.names, *([fitted] if fitted not in ("", _ACTUATORS) else [])]
     relaxed = relax_start(scene, keys, recordings[0])
     begun = scene if relaxed is None else relaxed
     replicas = [Replica(begun, m, keys, "identify", relaxed is not None) for m in recordings]
     rows = [np.ones(m.time.size, np.bool_) for m in recordings]
-    trial = Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
+    count, space = problem.space.origin.size, problem.space
+    values = [space.origin, space.to_values(fit.unknowns[:count])]
+    if len(keys) > count:
+        own = float(replicas[0].start_values[-1])
+        space, values = space.join(fitted, own), [np.append(one, own) for one in values]
+    trial = Problem(replicas, rows, space, problem.offset, sensor)
     trial.work = problem.work
     prepare(trial)
-    values = [problem.space.origin, problem.space.to_values(fit.unknowns[: problem.space.origin.size])]
     first = next(generate_starts(trial, np.random.default_rng(0)))[1]
     begins = [*([] if first is None else [first]), *(trial.unknowns(one) for one in values)]
     costs = [(now.cost, k) for k, one in enumerate(begins) if (now := trial.compute(one)) is not None]
-    held, best = np.zeros(trial.count, np.bool_), np.inf
+    held, best, number = np.zeros(trial.count, np.bool_), np.inf, 1.0
     for _, k in sorted(costs)[:_STARTS]:
         unknowns = begins[k]
         for most in (_FEW, _EVALUATIONS - _FEW):
@@ -190,10 +207,19 @@ def _fit_again(
             if found is None:
                 break
             unknowns, left = found.unknowns, found.cost / found.residuals.fitted.size
-            best = min(best, left)
+            if left < best:
+                best, number = left, _read(trial, unknowns, count)
             if left > worse:
                 break
-    return best
+    return best, number
+
+
+def _read(trial: Problem, unknowns: np.ndarray, count: int) -> float:
+    """Read the number that is fitted beside so many parameters, relative to the one of the scene; 1 without any."""
+    space = trial.space
+    if space.origin.size > count:
+        return float(space.to_values(unknowns[: space.origin.size])[-1] / space.origin[-1])
+    return 1.0 + trial.sensed(unknowns, 0)[_ACTUATORS]
 
 
 def _set_noise(trial: Problem, noises: Mapping[tuple[str, str], float], floor: float) -> None:
@@ -235,19 +261,18 @@ def _scale_values(scene: Scene, measured: Measurements, amount: float) -> tuple[
     return scene, dataclasses.replace(measured, values=measured.values * amount)
 
 
-def _scale_stiffness(link: int | None) -> _Change:
-    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
-        count = scene.body.springs
-        factor = np.where((np.arange(count) == link) | (link is None), amount, 1.0)
-        values, document = (scene.body.stiffness * factor).tolist(), scene.document()
-        links = document["body"]["links"]
-        if isinstance(links, list):
-            document["body"]["links"] = [part | {"stiffness": v} for part, v in zip(links, values, strict=True)]
-        else:
-            links["stiffness"] = values
-        return Scene.model_validate(document), measured
+def _keep(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    return scene, measured
 
-    return change
+
+def _scale_stiffness(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    values, document = (scene.body.stiffness * amount).tolist(), scene.document()
+    links = document["body"]["links"]
+    if isinstance(links, list):
+        document["body"]["links"] = [part | {"stiffness": v} for part, v in zip(links, values, strict=True)]
+    else:
+        links["stiffness"] = values
+    return Scene.model_validate(document), measured
 
 
 def _shift(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:

@@ -25,7 +25,11 @@ from .seen import Seen, move, see_motion
 
 _DIFFERENCE = 1e-3
 """Step of differences, relative to the size of a number."""
-_EVALUATIONS, _STARTS, _ROUNDS = 14, 2, 2
+_EVALUATIONS, _FEW, _STARTS, _ROUNDS = 14, 5, 2, 2
+_HOPELESS = 0.9
+"""Part of the sum of squares above which a fit that is left after few evaluations ends."""
+_NOISE, _ENOUGH = 1.1, 0.95
+"""Mean square, in units of the noise, and part of the misfit explained, after which no other suspect is tried."""
 _SPARSE = 4
 """Each row of so many finer commands is taken where forces are only balanced."""
 _PROMISING = 0.8
@@ -72,6 +76,18 @@ def rate(base: float, left: float, amount: float, what: str) -> Tried:
         The result.
     """
     return Tried(left, min((base - left) / max(base - 1.0, 0.1 * base), 1.0), amount, what)
+
+
+def explains(tried: Tried) -> bool:
+    """Determine whether a trial leaves only noise.
+
+    Args:
+        tried: the trial.
+
+    Returns:
+        Whether no other suspect needs to be tried.
+    """
+    return tried.part > _ENOUGH and tried.left < _NOISE
 
 
 class FaultProblem(Problem):
@@ -253,7 +269,7 @@ def try_faults(
     cheap = all(SteppedReplica.of(one, Dynamics(1.0), True).work < _LONGEST for one in plain)
     found, size = [], base.residuals.fitted.size
     for fault, begins in _list_all(trial, seen, onset, cheap, starts):
-        if trial.work.done > until:
+        if trial.work.done > until or any(map(explains, found)):
             break
         ended = _fit_fault(trial, fault, seen, begins, base.cost)
         if ended is not None:
@@ -323,8 +339,11 @@ def _fit_fault(
     if fault.balanced:
         starts += [one for guess in fault.guesses if (one := trial.balance(begins[0], guess)) is not None]
     order = sorted((cost, k) for k, one in enumerate(starts) if np.isfinite(cost := trial.cost(one)))
-    ends = [fit_from(trial, starts[k], held, tight=False, most=_EVALUATIONS) for _, k in order[:_STARTS]]
+    ends = [fit_from(trial, starts[k], held, tight=False, most=_FEW) for _, k in order[:_STARTS]]
     best = min((one for one in ends if one is not None), key=lambda one: one.cost, default=None)
+    if best is None or best.cost > _HOPELESS * base:
+        return best
+    best = fit_from(trial, best.unknowns, held, tight=False, most=_EVALUATIONS - _FEW)
     for _ in range(_ROUNDS if fault.moves else 0):
         own = trial.follow(best.unknowns) if best is not None and best.cost < _PROMISING * base else None
         if best is None or own is None:

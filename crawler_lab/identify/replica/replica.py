@@ -91,6 +91,7 @@ class Replica:
 
     derivative_error = 0.0
     is_affine = False
+    _planned: tuple[bytes, tuple[Scene, Derivatives] | None] = b"", None
     starts = 0
     factors: np.ndarray | None = None
 
@@ -158,7 +159,7 @@ class Replica:
             A replica with the same model.
         """
         other = copy.copy(self)
-        other.measured, other.factors = measured, factors
+        other.measured, other.factors, other._planned = measured, factors, (b"", None)
         return other
 
     @property
@@ -357,6 +358,15 @@ class Replica:
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> tuple[Scene, Derivatives] | None:
         """Build the arrays at some values, and their derivatives there or elsewhere; None if they are not valid."""
+        key = values.tobytes()
+        if self._planned[0] != key:
+            found = self._build_plan(values, with_derivatives or self.is_affine)
+            if not with_derivatives and not self.is_affine:
+                return found
+            self._planned = key, found
+        return self._planned[1]
+
+    def _build_plan(self, values: np.ndarray, with_derivatives: bool) -> tuple[Scene, Derivatives] | None:
         local, base = self._local, self._base
         if not self.is_affine and not np.array_equal(values, local.values):
             try:
