@@ -33,7 +33,7 @@ from .measurements import Measurements, channel_names, observation
 from .replica.playback import playback, replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
-from .replica.start import relax_start
+from .replica.start import begin_recordings
 from .sensor.sensor import Sensor, build_drift
 
 _PRIOR = math.log(3.0) ** 2
@@ -201,8 +201,7 @@ class _Search:
         moved = set(name_each("link", scene.body.link_springs.size))
         self.channels = tuple(name for name in channel_names(scene) if name not in moved)
         first = self._recording(self.rows[[0, 0]])
-        relaxed = relax_start(scene, keys, first)
-        self.begun, self.unknown_start = scene if relaxed is None else relaxed, relaxed is not None
+        self.begun, self.unknown_start = begin_recordings(scene, keys, [first])
         base = replay_scene(self.begun, first)
         names = expand_keys(base, keys, "excite")
         self.seeks_start = any(key.startswith("start") for key in keys)

@@ -33,7 +33,7 @@ from .measurements import MeasurementError, Measurements, are_reversed, check_me
 from .replica.playback import replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
-from .replica.start import is_start_told, relax_start
+from .replica.start import begin_recordings, is_start_told
 from .sensor.sensor import Sensor
 
 _COARSE = 16_000
@@ -110,18 +110,17 @@ def identify(
     sensor = Sensor() if sensor is None else sensor
     cleaned = [leave_out_impossible(scene, check_measurements(scene, m)) for m in recordings]
     checked, impossible = [m for m, _ in cleaned], [line for _, lines in cleaned for line in lines]
-    relaxed = relax_start(scene, keys, checked[0])
-    begun = scene if relaxed is None else relaxed
+    begun, unknown = begin_recordings(scene, keys, checked)
     base = replay_scene(begun, checked[0])
     if base.has_exact_derivatives:
         check_differentiable(base, "identify")
     names = expand_keys(base, keys, "identify")
     kind = Replica if base.has_exact_derivatives else SampledReplica
-    replicas = [kind(begun, m, names, "identify", relaxed is not None) for m in checked]
-    if relaxed is not None and offset == "none":  # nothing tells where the first contact stands at the start
+    replicas = [kind(begun, m, names, "identify", unknown) for m in checked]
+    if unknown and offset == "none":  # nothing tells where the first contact stands at the start
         offset = "frame"
     space = build_space(names, replicas[0].start_values, bounds)
-    rows = _fitted_rows([m.time.size for m in checked], hold_out, apart=relaxed is None)
+    rows = _fitted_rows([m.time.size for m in checked], hold_out, apart=not unknown)
     problem = Problem(replicas, rows, space, offset, sensor)
     numbers = sum(int(present.sum()) for present in problem.present)
     unknowns = problem.count + sum(design.shape[-1] for design in problem.designs)
@@ -226,7 +225,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     where = find_where(misfits)
     width = np.maximum(below, above)
     explained, tries = where is not None and not fit.interrupted, seconds > 0.0
-    explanations = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else []
+    explanations, untried = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else ([], [])
     unexplained = explained and tries and not _is_explained(explanations)
     if where is None and score is not None and score.size > _WORSE:
         where = score.worst
@@ -239,14 +238,17 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         gain, weight, scatter = _find_gain(problem, fit, covariance)
         plain.append({"name": GAIN, "verdict": "identified", "value": gain})
         weights = np.vstack((weights, weight))
+    reason = "the model does not fit" if where is not None else ""
+    if not reason and not problem.starts and not is_start_told(scene, problem.space.names):
+        reason = "nothing tells how the record began, and its start is not found"
     known = weights @ covariance @ weights.T
     known[count:, count:] += scatter
-    posterior = dataclasses.replace(collect_posterior(plain, known, freedom), fits=where is None)
-    shown = parameters if where is None else tuple(doubt(p) for p in parameters)
+    posterior = dataclasses.replace(collect_posterior(plain, known, freedom), fits=not reason)
+    shown = tuple(doubt(p, reason, where is not None) for p in parameters) if reason else parameters
     return Identification(
         scene=posterior.apply(scene),
         parameters=tuple(remark(p, explanations) for p in shown),
-        sensors=sensors if where is None else tuple(doubt_sensor(one) for one in sensors),
+        sensors=tuple(doubt_sensor(one) for one in sensors) if reason else sensors,
         residual=float(np.sqrt(np.mean(used**2))),
         noise=float(np.sqrt(np.mean(np.concatenate(noises) ** 2))),
         held_out=None if score is None else score.residual,
@@ -260,6 +262,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
             *warn_of_sensors(problem, sensors),
             *_warn(scene, problem, fit, parameters, where),
             *(["nothing that was tried explains the misfit"] if unexplained else []),
+            *([f"not tried: {'; '.join(untried)}"] if untried else []),
         ),
         recordings=tuple(r.measured for r in problem.replicas),
         residuals=fit.residuals.all,
@@ -310,7 +313,8 @@ def _warn_of_start(scene: Scene, problem: Problem, parameters: Sequence[Paramete
     if not problem.starts:
         return [
             f"nothing tells the forces of the springs at the start, and {scene.name} is of a kind for which they are "
-            "not found: all values hold only if it began without displacement, as the scene does"
+            "not found: all values are doubtful, as they hold only for a start that was guessed; a record that "
+            "begins at rest with slack springs, which `start` of the scene then states, would determine them"
         ]
     sums = sum(p.verdict == "sum" for p in parameters)
     if not sums:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -77,10 +76,11 @@ class Space:
         Returns:
             The coordinates of all.
         """
-        own = {"names": name, "origin": value, "low": value / _WIDE, "high": value * _WIDE, "logarithmic": True}
-        own["scale"] = value
-        found: Any = {key: np.append(getattr(self, key), one) for key, one in own.items()}
-        return Space(**found | {"names": (*self.names, name)})
+        origin, low, high, scale = (
+            np.append(one, value * factor)
+            for one, factor in ((self.origin, 1.0), (self.low, 1.0 / _WIDE), (self.high, _WIDE), (self.scale, 1.0))
+        )
+        return Space((*self.names, name), origin, low, high, np.append(self.logarithmic, True), scale)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """Draw values within the bounds: the scene's, up to five times smaller or larger.

@@ -46,7 +46,7 @@ class Posterior:
         freedom: degrees of freedom from which the size of the covariance was estimated; infinite if it is known [1].
         ended: bounded parameters that the fit moved to a bound that was given to it.
         speeds: fastest commanded change of each length in the record [m/s, of segments 1/s]; empty if not known.
-        fits: whether the model fitted the record; else all values are doubtful.
+        fits: whether the model fitted the record, whose start was told or found; else all values are doubtful.
     """
 
     names: tuple[str, ...]

@@ -405,7 +405,10 @@ def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_driv
     """Collect what else limits a prediction."""
     notes = []
     if not posterior.fits:
-        notes.append("the model does not fit its record: values are doubtful, and so are these bands")
+        notes.append(
+            "the model does not fit its record, or nothing tells how that began: values are doubtful, and so are these "
+            "bands"
+        )
     if own_drive and GAIN in posterior.names:
         notes.append(
             "the drive of the scene is taken to have the lengths that the actuators reach, as identify --out writes "

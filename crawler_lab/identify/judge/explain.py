@@ -56,7 +56,7 @@ class Explanation:
 
 def explain_misfit(
     scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit], width: np.ndarray, suspects: bool
-) -> list[Explanation]:
+) -> tuple[list[Explanation], list[str]]:
     """Test changes of the model, and try suspects.
 
     Args:
@@ -66,13 +66,12 @@ def explain_misfit(
         suspects: whether suspects are tried, which takes up to half a minute.
 
     Returns:
-        What explains most, the best one first.
+        What explains most, the best one first; and what was not tried.
     """
     found = _test_changes(problem, fit, width)
-    if suspects and all(not replica.derivative_error for replica in problem.replicas):
-        tried = [one for one in try_suspects(scene, problem, fit, misfits) if one.part > _PART]
-        found += [Explanation(one.what, one.amount, one.part, {}) for one in tried[:_MOST]]
-    return sorted(found, key=lambda one: -one.explained)[:_MOST]
+    tried, untried = try_suspects(scene, problem, fit, misfits) if suspects else ([], [])
+    found += [Explanation(one.what, one.amount, one.part, {}) for one in tried[:_MOST] if one.part > _PART]
+    return sorted(found, key=lambda one: -one.explained)[:_MOST], untried
 
 
 def _test_changes(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explanation]:

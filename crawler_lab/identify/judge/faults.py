@@ -78,12 +78,19 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
         cheap: whether they can be stepped through time soon.
 
     Yields:
-        The suspects.
+        The suspects; the last one, friction at rest, imitates others, among them contacts that stick and stains.
     """
     first = seen[0]
     duration = float(first.measured.time[-1])
     stretch = 0.5 * max(1e-9, *(float(np.ptp(one.stretch, axis=0).max()) for one in seen))
     width = max(1e-9, *(float(np.ptp(one.elongation, axis=0).max()) for one in seen))
+    for i, begun in enumerate(first.held_since):
+        if 0.0 < begun < _LATEST * duration:
+            yield Fault(f"contact_{i} sticks from {{:.3g}} s on".format, _glue(i), [(begun,)], (0.0,), (duration,))
+    if onset is not None and onset < _LATEST * duration:
+        guesses = [(onset - part * duration,) for part in _EARLIER]
+        for k in range(first.links.size):
+            yield Fault(f"link_{k} does not move from {{:.3g}} s on".format, _stick(k), guesses, (0.0,), (duration,))
     yield Fault(
         "actuators have a backlash of {:.3g} m".format, _loosen, [(part * width,) for part in _PARTS], (0.0,), (width,)
     )
@@ -127,13 +134,6 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
             (0.0,),
             (100.0,),
         )
-    yield Fault(
-        lambda part: f"friction at rest is {100 * part:.3g} % larger than of sliding",
-        lambda s, part: Changed(friction=1.0 + part * s.rests),
-        [(0.2,), (0.6,)],
-        (0.0,),
-        (1.0,),
-    )
     half = 0.5 * max(float(np.ptp(one.place)) for one in seen)
     yield Fault(
         lambda size, _: f"a lens bends positions by {size:.3g} m at the edge",
@@ -142,13 +142,13 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
         (-_LENS * half, -0.5),
         (_LENS * half, 0.5),
     )
-    for i, begun in enumerate(first.held_since):
-        if 0.0 < begun < _LATEST * duration:
-            yield Fault(f"contact_{i} sticks from {{:.3g}} s on".format, _glue(i), [(begun,)], (0.0,), (duration,))
-    if onset is not None and onset < _LATEST * duration:
-        guesses = [(onset - part * duration,) for part in _EARLIER]
-        for k in range(first.links.size):
-            yield Fault(f"link_{k} does not move from {{:.3g}} s on".format, _stick(k), guesses, (0.0,), (duration,))
+    yield Fault(
+        lambda part: f"friction at rest is {100 * part:.3g} % larger than of sliding",
+        lambda s, part: Changed(friction=1.0 + part * s.rests),
+        [(0.2,), (0.6,)],
+        (0.0,),
+        (1.0,),
+    )
 
 
 def find_stain(edges: np.ndarray, factors: np.ndarray, weight: np.ndarray) -> Fault:
@@ -230,13 +230,29 @@ def _remember(seen: Seen, ratio: float, width: float) -> Changed:
     return Changed(_lengthen(seen, -ratio * (seen.elongation - _play(seen.elongation, width))))
 
 
-def _bend(seen: Seen, size: float, aside: float) -> Changed:
-    values, ground = seen.measured.values.copy(), seen.measured.on_ground
+def bend_positions(values: np.ndarray, ground: np.ndarray, size: float, aside: float) -> np.ndarray:
+    """Remove what a lens does.
+
+    Args:
+        values: what was measured, shape (T, M) [m].
+        ground: which channels are positions, bool, shape (M,).
+        size: by how much it bends positions at the edge [m].
+        aside: how far its axis is from the middle, as a part of half the picture [1].
+
+    Returns:
+        The values without the lens, shape (T, M) [m].
+    """
+    if not ground.any():
+        return values
+    straight = values.copy()
     low, high = np.nanmin(values[:, ground]), np.nanmax(values[:, ground])
     half = max(0.5 * (high - low), 1e-12)
-    place = (values[:, ground] - 0.5 * (low + high)) / half - aside
-    values[:, ground] -= size * place**3
-    return Changed(values=values)
+    straight[:, ground] -= size * ((values[:, ground] - 0.5 * (low + high)) / half - aside) ** 3
+    return straight
+
+
+def _bend(seen: Seen, size: float, aside: float) -> Changed:
+    return Changed(values=bend_positions(seen.measured.values, seen.measured.on_ground, size, aside))
 
 
 def _glue(contact: int) -> Callable[[Seen, float], Changed]:

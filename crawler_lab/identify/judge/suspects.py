@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -23,10 +23,12 @@ from ..fit.problem import Problem
 from ..fit.starts import generate_starts
 from ..measurements import Measurements, check_measurements
 from ..replica.replica import Replica
-from ..replica.start import relax_start
+from ..replica.sampled import SampledReplica
+from ..replica.start import begin_recordings
 from ..sensor.noise import Noise
 from ..sensor.sensor import Prior
-from .trials import Prepare, Tried, explains, rate, try_faults
+from .faults import bend_positions
+from .trials import Prepare, Tried, are_faults_possible, explains, rate, try_faults
 
 _WORK = 30.0
 """Work after which no other suspect is tried [s]."""
@@ -49,6 +51,9 @@ _GAIN = Prior(0.0, 0.3)
 _PROMISING = 0.9
 """Part of the mean square that the best number leaves from which others near it are tried."""
 _JUMP = 1e-6
+_LENSES = (0.01, 0.02, 0.04, -0.01, -0.02, -0.04)
+"""Bends of a lens that are tried, as parts of half a picture."""
+_FAULTS = "backlash, hardening, hysteresis, wear, masses, viscosity, friction at rest, stains and what sticks"
 
 _Change = Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
 
@@ -82,15 +87,17 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence
     """
     first = recordings[0]
     lengths = [n for n in first.command_names if n in scene.columns.names[: scene.columns.lengths]]
-    contacts = [c for c, on in zip(first.channels, first.on_ground, strict=True) if on]
+    links, contacts = _list_parts(lengths), _list_parts(np.array(first.channels)[first.on_ground].tolist())
     if lengths:
         yield Trial("all commands are negated", _scale_commands(lengths), (-1.0,))
         yield Trial("commanded lengths are {:.4g} times as large", _scale_commands(lengths), (0.01, 0.1, 10.0, 100.0))
     yield Trial("positions are {:.4g} times as large", _scale_values, (0.01, 0.1, 10.0, 100.0), scales=True)
     yield Trial("positions increase the other way", _scale_values, (-1.0,))
-    for name in lengths if len(lengths) > 1 else ():
+    for axis in "xy" if scene.dimension == 2 else "":
+        yield Trial(f"{axis} increases the other way", _turn_axis(axis), (-1.0,))
+    for name in links if len(links) > 1 else ():
         yield Trial(f"command/{name} is negated", _scale_commands([name]), (-1.0,))
-    for a, b in itertools.combinations(lengths, 2):
+    for a, b in itertools.combinations(links, 2):
         yield Trial(f"command/{a} and command/{b} are exchanged", _exchange("command_names", a, b))
     for a, b in itertools.combinations(contacts, 2):
         yield Trial(f"{a} and {b} are exchanged", _exchange("channels", a, b))
@@ -103,15 +110,19 @@ def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence
             "the clock of the positions runs {:.6g} times as fast as that of the commands", _stretch, _RATES, True
         )
         yield Trial("commanded lengths are {:.4g} times as large", _keep, fitted=_ACTUATORS)
+    if not are_faults_possible(scene):
+        half = 0.5 * float(np.nanmax(np.ptp(first.values[:, first.on_ground], axis=0), initial=0.0))
+        yield Trial("a lens bends positions by some {:.2g} m at the edge", _bend, [part * half for part in _LENSES])
     stiff = any("stiffness" in key for key in keys)
     parted = isinstance(scene.document()["body"].get("links"), list)
     for k in range(scene.body.springs if scene.body.springs == scene.body.link_springs.size and not stiff else 0):
         own = f"body.links[{k}].stiffness" if parted else f"body.links.stiffness[{k}]"
         yield Trial(f"stiffness of link_{k} is {{:.3g}} times as large", _scale_stiffness, fitted=own)
-    yield Trial("stiffness is {:.4g} times as large", _scale_stiffness, (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
+    if not scene.body.segments and scene.body.turning is None:
+        yield Trial("stiffness is {:.4g} times as large", _scale_stiffness, (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0))
 
 
-def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> list[Tried]:
+def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Misfit]) -> tuple[list[Tried], list[str]]:
     """Try mistakes, as long as none leaves only noise; if none does, faults, too.
 
     Args:
@@ -119,7 +130,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
         misfits: of its channels, with their noise.
 
     Returns:
-        What each leaves, the best one first.
+        What each leaves, the best one first; and what was not tried.
     """
     until = problem.work.done + _WORK
     noises = {(one.recording, one.channel): one.noise for one in misfits}
@@ -144,16 +155,19 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
             return np.inf, amount
 
     for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
-        if problem.work.done > until or any(map(explains, found)):
+        if any(map(explains, found)):
             break
+        if problem.work.done > until:
+            return sorted(found), [f"all mistakes after this one: {found[-1].what}", _FAULTS]
         tried = [attempt(trial, amount) for amount in trial.amounts]
         if trial.continuous and min(tried)[0] < _PROMISING * base:
             _refine(tried, functools.partial(attempt, trial))
         left, amount = min(tried)
         found.append(rate(base, left, amount, trial.what.format(amount)))
-    if not any(map(explains, found)):
-        found += try_faults(scene, problem, fit, kept, prepare, until)
-    return sorted(found)
+    if any(map(explains, found)):
+        return sorted(found), []
+    faults, complete = try_faults(scene, problem, fit, kept, prepare, until)
+    return sorted([*found, *faults]), [] if complete else [f"all of {_FAULTS}" if faults else _FAULTS]
 
 
 def _refine(tried: list[tuple[float, float]], attempt: Callable[[float], tuple[float, float]]) -> None:
@@ -184,9 +198,9 @@ def _fit_again(
     """
     sensor = dataclasses.replace(problem.sensor, gain=_GAIN) if fitted == _ACTUATORS else problem.sensor
     keys = [*problem.space.names, *([fitted] if fitted not in ("", _ACTUATORS) else [])]
-    relaxed = relax_start(scene, keys, recordings[0])
-    begun = scene if relaxed is None else relaxed
-    replicas = [Replica(begun, m, keys, "identify", relaxed is not None) for m in recordings]
+    begun, unknown = begin_recordings(scene, keys, recordings)
+    kind = Replica if begun.has_exact_derivatives else SampledReplica
+    replicas = [kind(begun, m, keys, "identify", unknown) for m in recordings]
     rows = [np.ones(m.time.size, np.bool_) for m in recordings]
     count, space = problem.space.origin.size, problem.space
     values = [space.origin, space.to_values(fit.unknowns[:count])]
@@ -196,11 +210,12 @@ def _fit_again(
     trial = Problem(replicas, rows, space, problem.offset, sensor)
     trial.work = problem.work
     prepare(trial)
-    first = next(generate_starts(trial, np.random.default_rng(0)))[1]
-    begins = [*([] if first is None else [first]), *(trial.unknowns(one) for one in values)]
+    family, first = next(generate_starts(trial, np.random.default_rng(0)))
+    begins = [trial.unknowns(one) for one in values]
+    begins = [first, *begins] if family == "balance" and first is not None else begins
     costs = [(now.cost, k) for k, one in enumerate(begins) if (now := trial.compute(one)) is not None]
     held, best, number = np.zeros(trial.count, np.bool_), np.inf, 1.0
-    for _, k in sorted(costs)[:_STARTS]:
+    for _, k in sorted(costs)[: _STARTS if kind is Replica else 1]:
         unknowns = begins[k]
         for most in (_FEW, _EVALUATIONS - _FEW):
             found = fit_from(trial, unknowns, held, tight=False, most=most)
@@ -243,7 +258,8 @@ def _choose_rows(rows: np.ndarray) -> np.ndarray:
 
 def _scale_commands(names: Sequence[str]) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
-        factor = np.array([amount if name in names else 1.0 for name in measured.command_names])
+        own = [bool({name, name.partition("/")[0]} & {*names}) for name in measured.command_names]
+        factor = np.where(own, amount, 1.0)
         return scene, dataclasses.replace(measured, commands=measured.commands * factor)
 
     return change
@@ -251,7 +267,9 @@ def _scale_commands(names: Sequence[str]) -> _Change:
 
 def _exchange(field: Literal["channels", "command_names"], a: str, b: str) -> _Change:
     def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
-        names: Any = {field: tuple({a: b, b: a}.get(name, name) for name in getattr(measured, field))}
+        other = {a: b, b: a}
+        parts = [name.partition("/") for name in getattr(measured, field)]
+        names: Any = {field: tuple(other.get(part, part) + slash + axis for part, slash, axis in parts)}
         return scene, dataclasses.replace(measured, **names)
 
     return change
@@ -259,6 +277,24 @@ def _exchange(field: Literal["channels", "command_names"], a: str, b: str) -> _C
 
 def _scale_values(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
     return scene, dataclasses.replace(measured, values=measured.values * amount)
+
+
+def _list_parts(names: Iterable[str]) -> list[str]:
+    """List the links or contacts to which columns belong, in the plane two to each."""
+    return list(dict.fromkeys(name.partition("/")[0] for name in names))
+
+
+def _turn_axis(axis: str) -> _Change:
+    def change(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+        factor = np.where([channel.endswith(f"/{axis}") for channel in measured.channels], amount, 1.0)
+        return scene, dataclasses.replace(measured, values=measured.values * factor)
+
+    return change
+
+
+def _bend(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
+    values = bend_positions(measured.values, measured.on_ground, amount, 0.0)
+    return scene, dataclasses.replace(measured, values=values)
 
 
 def _keep(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, Measurements]:
@@ -299,18 +335,22 @@ def _hold(scene: Scene, measured: Measurements, amount: float) -> tuple[Scene, M
 
 
 def _find_shift(measured: Measurements, scene: Scene) -> float:
-    """Find the shift of the clock at which elongations agree best with commands, 0 without a pair of these [s]."""
+    """Find the shift of the clock at which elongations agree best with commands, or speeds with speeds [s]."""
     even = np.linspace(measured.time[0], measured.time[-1], 1024)
     pairs = []
     for k, name in enumerate(measured.command_names):
-        ends = [f"contact_{i}" for i in scene.body.ends[int(name[5:])]] if name.startswith("link_") else []
+        part, slash, axis = name.partition("/")
+        link = int(part[5:]) if part.startswith("link_") else None
+        ends = [] if link is None else [f"contact_{i}{slash}{axis}" for i in scene.body.ends[link]]
         if ends and set(ends) <= set(measured.channels):
             tail, head = (measured.values[:, measured.channels.index(end)] for end in ends)
             seen = np.isfinite(head - tail)
             elongation = np.interp(even, measured.time[seen], (head - tail)[seen])
             pairs.append((elongation, np.interp(even, measured.command_time, measured.commands[:, k])))
-    if not pairs:
-        return 0.0
+    if not pairs:  # speeds are left
+        told, seen = (measured.command_time, measured.commands), (measured.time, measured.values)
+        both = [np.stack([np.interp(even, at, column) for column in rows.T]) for at, rows in (seen, told)]
+        pairs = [tuple(np.abs(np.gradient(np.nan_to_num(one), axis=1)).sum(axis=0) for one in both)]
     most = int(_LATEST * even.size)
     total = np.zeros(2 * most + 1)
     for elongation, command in pairs:

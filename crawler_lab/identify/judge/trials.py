@@ -18,7 +18,7 @@ from ..fit.fit import Fit, fit_from
 from ..fit.problem import Problem, Residuals
 from ..fit.starts import generate_starts
 from ..replica.replica import Replica
-from ..replica.start import relax_start
+from ..replica.start import begin_recordings
 from ..replica.stepped import Dynamics, SteppedReplica
 from .faults import Changed, Fault, find_stain, is_inside, list_faults
 from .seen import Seen, move, see_motion
@@ -241,11 +241,11 @@ class FaultProblem(Problem):
 
 def try_faults(
     scene: Scene, problem: Problem, fit: Fit, rows: Sequence[np.ndarray], prepare: Prepare, until: float
-) -> list[Tried]:
+) -> tuple[list[Tried], bool]:
     """Try all faults.
 
     Args:
-        scene: the scene that was fitted, whose derivatives are exact.
+        scene: the scene that was fitted.
         problem: the problem.
         fit: its end.
         rows: indices of the rows that are compared, of each recording with fitted rows.
@@ -253,47 +253,63 @@ def try_faults(
         until: work after which no other fault is tried [s].
 
     Returns:
-        What each leaves; nothing for bodies with segments, on ground that differs from place to place, or with
-        commands of some links only.
+        What each leaves, and whether all were tried: none is for bodies other than chains without segments, on ground
+        that differs from place to place, or with commands of some links only.
     """
     begun = _begin(scene, problem, fit, rows)
     if begun is None:
-        return []
+        return [], False
     trial, seen, plain = begun
     prepare(trial)
     base = fit_from(trial, fit.unknowns, np.zeros(trial.count, np.bool_), tight=True, most=40)
     if base is None:
-        return []
+        return [], False
     onset, ahead = _find_onset(problem, plain, base.unknowns, prepare)
     starts = [base.unknowns, trial.unknowns(problem.space.origin), *([] if ahead is None else [ahead])]
     cheap = all(SteppedReplica.of(one, Dynamics(1.0), True).work < _LONGEST for one in plain)
-    found, size = [], base.residuals.fitted.size
+    found: list[Tried] = []
+    size = base.residuals.fitted.size
     for fault, begins in _list_all(trial, seen, onset, cheap, starts):
-        if trial.work.done > until or any(map(explains, found)):
+        if any(map(explains, found)):
             break
+        if trial.work.done > until:
+            return found, False
         ended = _fit_fault(trial, fault, seen, begins, base.cost)
         if ended is not None:
             numbers = trial.numbers(ended.unknowns)
             left = (ended.cost + numbers.size * np.log(size)) / size
             found.append(rate(base.cost / size, left, float(numbers[0]), fault.what(*numbers)))
-    return found
+    return found, cheap
+
+
+def are_faults_possible(scene: Scene) -> bool:
+    """Determine whether a scene is of the kind whose faults are tried.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        Whether it is a chain with exact derivatives, without segments, on even ground.
+    """
+    body = scene.body
+    even = scene.has_exact_derivatives and scene.ground.track is None
+    return bool(even and not body.segments and scene.columns.links == body.springs)
 
 
 def _begin(
     scene: Scene, problem: Problem, fit: Fit, rows: Sequence[np.ndarray]
 ) -> tuple[FaultProblem, list[Seen], list[Replica]] | None:
     """Build the problem with finer commands, what its recordings show, and their plain replicas."""
-    body, keys = scene.body, list(problem.space.names)
-    if body.segments or scene.columns.links != body.springs or scene.ground.track is not None:
+    keys = list(problem.space.names)
+    if not are_faults_possible(scene):
         return None
     fitted = [i for i, one in enumerate(problem.rows) if one.any()]
     seen = [see_motion(problem, fit, i, kept) for i, kept in zip(fitted, rows, strict=True)]
     known = [one for one in seen if one is not None]
     if len(known) < len(seen):
         return None
-    relaxed = relax_start(scene, keys, known[0].measured)
-    begun = scene if relaxed is None else relaxed
-    replicas = [Replica(begun, one.measured, keys, "identify", relaxed is not None) for one in known]
+    begun, unknown = begin_recordings(scene, keys, [one.measured for one in known])
+    replicas = [Replica(begun, one.measured, keys, "identify", unknown) for one in known]
     plain = []
     for i, one in zip(fitted, known, strict=True):
         own = problem.replicas[i].measured
@@ -307,8 +323,8 @@ def _list_all(
     trial: FaultProblem, seen: Sequence[Seen], onset: float | None, cheap: bool, starts: list[np.ndarray]
 ) -> Iterator[tuple[Fault, list[np.ndarray]]]:
     """List the faults with starts of their fits."""
-    for fault in list_faults(seen, onset, cheap):
-        yield fault, starts
+    *most, last = list_faults(seen, onset, cheap)
+    yield from ((fault, starts) for fault in most)
     low, high = min(float(one.place.min()) for one in seen), max(float(one.place.max()) for one in seen)
     edges = np.linspace(low, high, _BINS + 1)
     profile = Fault(
@@ -327,6 +343,7 @@ def _list_all(
         factors = 1.0 + trial.numbers(found.unknowns)
         weight = np.linalg.norm(found.residuals.jacobian[:, -_BINS:], axis=0)
         yield find_stain(edges, factors, weight), [found.unknowns[: trial.plain], *starts]
+    yield last, starts
 
 
 def _fit_fault(

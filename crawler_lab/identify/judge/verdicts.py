@@ -26,7 +26,7 @@ class Parameter:
         name: for example "friction.forward[2]".
         verdict: "identified"; "ratio": only together with others, on the scale that the scene's value of the first one
             sets; "sum": only the sum with another one, whose value and interval follow; "bound": from one side;
-            "doubtful": the model does not fit; "not excited".
+            "doubtful": the model does not fit, or nothing tells how the record began; "not excited".
         value: the fitted value, or the bound, in the unit of the scene's key [any]; None if nothing determines it.
         interval: 95 % interval; None at an end that is not known.
         partners: names of the other parameters of a ratio or a sum.
@@ -161,18 +161,20 @@ def _choose(
     return plain | {"verdict": "bound", "interval": [chosen[p][True][0], None]}
 
 
-def doubt(parameter: Parameter) -> Parameter:
-    """Withdraw what a model tells that does not fit.
+def doubt(parameter: Parameter, reason: str, but_bounds: bool) -> Parameter:
+    """Withdraw what a model tells that does not fit, or whose start nothing tells.
 
     Args:
-        parameter: its verdict if the model did fit.
+        parameter: its verdict if there were no doubt.
+        reason: why there is.
+        but_bounds: whether a parameter that ended at a bound that was given keeps it.
 
     Returns:
         The value without an interval; as it is where nothing was told.
     """
-    if parameter.verdict == "not excited" or parameter.ended:
+    if parameter.verdict == "not excited" or (parameter.ended and but_bounds):
         return parameter
-    reason = "the model does not fit" + ("" if parameter.verdict == "identified" else f"; {parameter.why}")
+    reason += "" if parameter.verdict == "identified" else f"; {parameter.why}"
     return replace(parameter, verdict="doubtful", interval=(None, None), why=reason)
 
 

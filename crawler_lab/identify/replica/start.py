@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.body.drive import NS, Drive
+from crawler_model.errors import SceneError
 from crawler_model.scene.scene import Scene
 
 from ...derivative.parameters import Derivatives
@@ -37,19 +38,30 @@ def is_start_told(scene: Scene, keys: Sequence[str]) -> bool:
     return scene.parts.start is not None or any(key.startswith("start") for key in keys)
 
 
-def relax_start(scene: Scene, keys: Sequence[str], measured: Measurements) -> Scene | None:
-    """Build the scene whose start is a guess: relaxed springs.
+def begin_recordings(scene: Scene, keys: Sequence[str], recordings: Sequence[Measurements]) -> tuple[Scene, bool]:
+    """Choose the start of a scene: if nothing tells it, relaxed springs where it is found, or no other is admissible.
 
     Args:
         keys: of the parameters.
+        recordings: of the scene, checked.
 
     Returns:
-        The scene; None if its start is told, or cannot be found.
+        The scene, and whether its start is only a guess of what is found with the parameters.
+
+    Raises:
+        SceneError: if no start is admissible.
     """
-    if is_start_told(scene, keys) or not scene.has_exact_derivatives:
-        return None
+    if is_start_told(scene, keys):
+        return scene, False
     relaxed = Scene.model_validate(scene.document() | {"start": "relaxed"})
-    return relaxed if find_moves(replay_scene(relaxed, measured)) is not None else None
+    if scene.has_exact_derivatives and find_moves(replay_scene(relaxed, recordings[0])) is not None:
+        return relaxed, True
+    try:
+        for measured in recordings:
+            replay_scene(scene, measured)
+    except SceneError:
+        return relaxed, False
+    return scene, False
 
 
 def find_moves(scene: Scene) -> np.ndarray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,14 @@ def record(scene: Scene | str, seconds: float) -> Measurements:
     commands = scene.columns.names[: scene.columns.lengths]
     rows = scene.drive.sample(np.rint(run.time * 1e9).astype(np.int64))[:, : len(commands)]
     channels = tuple(name for name in channel_names(scene) if name.startswith("contact_"))
+    if scene.body.segments:  # the elongation of its only part
+        channels, position = channel_names(scene), np.diff(position[:, [0, -1]] - position[0, [0, -1]])
     return Measurements("camera", run.time, channels, position, commands, rows, run.time)
 
 
 def guess(name: str, **friction: Any) -> Scene:
-    """The gallery's scene with other friction."""
-    document = copy.deepcopy(load_scene(name).document())
-    return Scene.model_validate(document | {"friction": friction})
+    """The gallery's scene with other friction, relaxed at the start."""
+    return Scene.model_validate(load_scene(name).document() | {"friction": friction, "start": "relaxed"})
 
 
 def test_friction_in_the_plane_is_found() -> None:
@@ -57,7 +59,7 @@ def test_from_positions_alone_only_ratios_are_found() -> None:
 
 def test_the_friction_of_a_patch_is_found() -> None:
     scene = load_scene("ice")
-    document = copy.deepcopy(scene.document())
+    document = copy.deepcopy(scene.document()) | {"start": "relaxed"}
     document["ground"]["patches"][0]["friction"] = 0.32
     found = identify(
         Scene.model_validate(document), [record("ice", 7.0)], ["ground.patches[0].friction"], sensor=PERFECT
@@ -80,6 +82,7 @@ def test_the_numbers_of_gradual_ground_and_the_place_of_a_wall_are_found(
 ) -> None:
     profile = {"at": [0.0, 0.6], "friction": [1.0, 4.0]}
     document = load_scene("wall_pusher").document() | {"friction": {"forward": 0.2, "backward": 0.9}}
+    document["start"] = "relaxed"
     document["ground"] = {"profile": profile, "walls": [{"at": 0.42, "stops": "forward"}]}
     scene = Scene.model_validate(document)
     first = vary(scene, {key: [value] for key, value in zip(keys, guesses, strict=True)}, grid=False)[0]
@@ -97,6 +100,7 @@ def test_the_friction_that_links_add_is_found() -> None:
     rows = [[0.0, 0.0], [-0.1, 0.0], [-0.1, -0.1], [0.0, -0.1], [0.0, 0.0]]
     data: dict[str, Any] = {
         "name": "worm",
+        "start": "relaxed",
         "body": {"contacts": [0.0, 0.5, 1.0], "links": {"stiffness": 20.0}},
         "friction": {"isotropic": 0.1, "with_elongation": [entry]},
         "drive": {"times": [0.0, 1.0, 2.0, 3.0, 4.0], "period": 4.0, "actuation": rows},
@@ -109,6 +113,33 @@ def test_the_friction_that_links_add_is_found() -> None:
     assert reached.verdict == "identified"
     assert reached.interval[0] < 0.3 < reached.interval[1]
     assert reached.value == pytest.approx(0.3, rel=0.01)
+
+
+def walked_before(name: str, begin: float) -> Measurements:
+    """The record of a scene of the gallery whose first seconds are missing."""
+    whole = record(name, begin + 3.0)
+    kept = whole.time >= begin - 1e-9
+    own = {"time": whole.time[kept] - begin, "command_time": whole.time[kept] - begin}
+    return dataclasses.replace(whole, **own, values=whole.values[kept], commands=whole.commands[kept])
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("ice", ["friction.forward"]),
+        ("continuous_segment", ["body.segments[0].friction.forward"]),
+        ("planar_rectilinear", ["body.links.stiffness"]),
+        ("rubber_worm", ["friction.forward"]),
+    ],
+)
+def test_nothing_is_identified_of_a_robot_that_walked_before(name: str, keys: list[str]) -> None:
+    document = load_scene(name).document()
+    document.pop("start", None)
+    found = identify(Scene.model_validate(document), [walked_before(name, 1.3)], keys, sensor=PERFECT, seconds=0.0)
+    assert {p.verdict for p in found.parameters} <= {"doubtful", "not excited"}
+    assert all(p.interval == (None, None) for p in found.parameters)
+    assert not found.posterior.fits
+    assert sum("nothing tells the forces of the springs at the start" in line for line in found.warnings) == 1
 
 
 def test_a_frame_in_the_plane_has_an_offset_along_each_axis() -> None:
