@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ def record(scene: Scene | str, seconds: float) -> Measurements:
     commands = scene.columns.names[: scene.columns.lengths]
     rows = scene.drive.sample(np.rint(run.time * 1e9).astype(np.int64))[:, : len(commands)]
     channels = tuple(name for name in channel_names(scene) if name.startswith("contact_"))
-    if scene.body.segments:  # the elongation of its only part
+    if scene.body.segments:  # the strain and the elongation of its only part, whose elements are alike
+        rows = rows * scene.body.springs / np.ptp(scene.body.position)
         channels, position = channel_names(scene), np.diff(position[:, [0, -1]] - position[0, [0, -1]])
     return Measurements("camera", run.time, channels, position, commands, rows, run.time)
 
@@ -113,6 +115,67 @@ def test_the_friction_that_links_add_is_found() -> None:
     assert reached.verdict == "identified"
     assert reached.interval[0] < 0.3 < reached.interval[1]
     assert reached.value == pytest.approx(0.3, rel=0.01)
+
+
+def negate(measured: Measurements) -> Measurements:
+    return dataclasses.replace(measured, commands=-measured.commands)
+
+
+def exchange(measured: Measurements) -> Measurements:
+    return dataclasses.replace(measured, values=measured.values[:, [1, 0, *range(2, measured.values.shape[1])]])
+
+
+def mirror(measured: Measurements) -> Measurements:
+    return dataclasses.replace(measured, values=measured.values * np.tile([1.0, -1.0], 3))
+
+
+def delay(measured: Measurements) -> Measurements:
+    return dataclasses.replace(measured, time=measured.time + 0.4)
+
+
+def cut(measured: Measurements) -> Measurements:
+    kept = 2 * measured.command_time.size // 3
+    return dataclasses.replace(measured, commands=measured.commands[:kept], command_time=measured.command_time[:kept])
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds", "key", "change", "what"),
+    [
+        ("ice", 5.0, "friction.forward", negate, "all commands are negated"),
+        ("ice", 5.0, "friction.forward", cut, "the commands end early"),
+        pytest.param(
+            *("rubber_worm", 5.0, "friction.forward", exchange, "contact_0 and contact_1 are exchanged"),
+            marks=pytest.mark.slow,
+        ),
+        ("rubber_worm", 5.0, "friction.forward", delay, "the clock of the positions is 0."),
+        ("continuous_segment", 3.0, "body.segments[0].friction.forward", negate, "all commands are negated"),
+        pytest.param(
+            *("planar_three_points", 3.0, "friction.isotropic", mirror, "y increases the other way"),
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_mistake_of_a_table_is_named_whatever_the_body_is(
+    name: str, seconds: float, key: str, change: Callable[[Measurements], Measurements], what: str
+) -> None:
+    scene = Scene.model_validate(load_scene(name).document() | {"start": "relaxed"})
+    whole = record(scene, seconds)
+    measured = change(dataclasses.replace(whole, time=whole.time[::3], values=whole.values[::3]))
+    found = identify(scene, [measured], [key], starts=1, seconds=1e-9, hold_out=0.0)
+    assert not found.model_fits
+    assert found.explanations[0].what.startswith(what)
+    assert found.explanations[0].explained > 0.95
+
+
+def test_what_is_not_tried_is_named() -> None:
+    whole = record("ice", 5.0)
+    scene = Scene.model_validate(load_scene("ice").document() | {"start": "relaxed"})
+    bent = whole.values + 0.02 * np.sin(3.0 * whole.time)[:, None]
+    found = identify(
+        scene, [dataclasses.replace(whole, values=bent)], ["friction.forward"], sensor=PERFECT, starts=1, seconds=1e-9
+    )
+    assert not found.model_fits
+    assert sum(line.startswith("not tried: ") and "backlash" in line for line in found.warnings) == 1
 
 
 def walked_before(name: str, begin: float) -> Measurements:
