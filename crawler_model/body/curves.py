@@ -229,6 +229,13 @@ class Bend:
         return 0.0 in (self.actuator.first + self.passive.first, self.actuator.last + self.passive.last)
 
     @property
+    def pulls_on(self) -> bool:
+        """Whether the spring pulls however short it is, or pushes however long: nothing but friction then ends it."""
+        one, other = self.actuator, self.passive
+        pulls = one.first + other.first == 0.0 and one.value[0] + other.value[0] > 0.0
+        return bool(pulls or (one.last + other.last == 0.0 and one.value[-1] + other.value[-1] < 0.0))
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Least and largest tension that the actuator reaches; infinite without a limit [N]."""
         curve = self.actuator

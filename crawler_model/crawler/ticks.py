@@ -21,12 +21,13 @@ def runs_in_one_call(crawler: Crawler) -> bool:
         crawler: the crawler.
 
     Returns:
-        True for links on a line without backlash or loads, on ground that is the same everywhere: other bodies are
-        followed tick by tick.
+        True for links on a line without backlash or loads, on ground that is the same everywhere, none of which
+        pulls however short it is: other bodies, which nothing may hold, are followed tick by tick.
     """
-    motion = crawler._motion
-    simple = crawler.body.backlash is None and not crawler.body.segments and not crawler.scene.columns.loads
-    return isinstance(motion, LineMotion) and motion.track is None and simple
+    motion, body = crawler._motion, crawler.body
+    simple = body.backlash is None and not body.segments and not crawler.scene.columns.loads
+    held = not any(bend.pulls_on for bend in body.bends)
+    return isinstance(motion, LineMotion) and motion.track is None and simple and held
 
 
 def follow_ticks(

@@ -34,6 +34,11 @@ body: {contacts: [0.0, 0.5], links: {stiffness: 2.0, tension: {least: 0.0}}}
 friction: {isotropic: [1.0, 0.25]}
 loads: 0.0
 """
+PULLING = """
+name: pulling
+body: {contacts: [0.0, 0.5], links: {stiffness: 2.0, tension: {least: 0.5}}}
+friction: {isotropic: 1.0}
+"""
 CLIFF = """
 name: cliff
 body: {contacts: [0.0, 1.0], links: {stiffness: 1.0}, weights: 3.0}
@@ -96,17 +101,24 @@ def test_a_run_with_jumps_is_simulated_again_to_the_bit(ros, tmp_path):
     assert found.energy.residual < 1e-12
 
 
-def test_a_load_that_nothing_holds_behind_a_slack_tendon_is_refused_and_counted(ros, tmp_path):
-    _, simulator = start_in_lock_step(ros, tmp_path, SLACK)
-    for k, load in enumerate((0.125, -0.5, 0.5), 1):
-        ros.publish("joint_trajectory", trajectory(["contact_1/load"], (0.0, [load])))
+@pytest.mark.parametrize(
+    ("text", "name", "commands", "loose", "place"),
+    [
+        pytest.param(SLACK, "contact_1/load", (0.125, -0.5, 0.5), 1, 0.125, id="a load behind a slack tendon"),
+        pytest.param(PULLING, "contact_0/forward", (0.75, 0.25, 0.5), 0, 0.0, id="a tendon that always pulls"),
+    ],
+)
+def test_what_nothing_holds_is_refused_and_counted(ros, tmp_path, text, name, commands, loose, place):
+    _, simulator = start_in_lock_step(ros, tmp_path, text)
+    for k, command in enumerate(commands, 1):
+        ros.publish("joint_trajectory", trajectory([name], (0.0, [command])))
         wait_until(lambda n=k: len(ros.heard["applied_commands"]) == n, what=f"tick {k}")
     wait_until(lambda: ticks(ros)[-1] == 3, what="the last state")
     assert [len(message.points) for message in ros.heard["applied_commands"]] == [1, 0, 1]
-    assert ros.heard["joint_states"][-1].position[1] == pytest.approx(0.125, abs=1e-15)
+    assert ros.heard["joint_states"][-1].position[1] == pytest.approx(place, abs=1e-15)
     wait_until(lambda: value(ros, "commands", REFUSED) == "1")
     assert simulator.end() == 0
-    assert "no link that is taut holds contact 1" in simulator.said
+    assert f"no link that is taut holds contact {loose}" in simulator.said
     (path,) = (tmp_path / "bags").iterdir()
     found = analyse(path)
     assert found.comparison.identical
