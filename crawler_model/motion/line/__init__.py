@@ -11,7 +11,7 @@ Args:
     ends: END, shape (2 S,).
     block: BLOCK, memory for the present block.
     listed: the contacts around which rates change.
-    clusters: CLUSTER; None for short chains and for graphs.
+    clusters: CLUSTER; None for bodies without long paths.
     curves: a `Curves`; None if all springs are linear.
     pieces: PIECE, of all curves.
     ground: a `Terrain`; None on ground that is the same everywhere.

@@ -1,7 +1,7 @@
 """A block of contacts at their bounds, found around a contact: its rows, for `pivot`.
 
 A contact strictly inside its bounds is a wall. Where the springs of a block form a path, its rows are in their order,
-and in a long chain a sleeping cluster of contacts is one row; in others, rows are in the order of elimination.
+and a sleeping cluster of contacts is one row; in others, rows are in the order of elimination.
 """
 
 from __future__ import annotations
@@ -139,8 +139,12 @@ def _leave_by(c, springs, model, came):
 
 
 @lean
-def _find_path(contacts, springs, model, ramp, i):
-    """Find the block around contact i if its springs form a path; returns the number of its contacts, else 0."""
+def _find_path(contacts, springs, model, clusters, ramp, i):
+    """Find the block around contact i if its springs form a path; returns the number of its rows, else 0.
+
+    It is 0, too, if the path leads through sleeping clusters from their last contact to their first, or if nothing at
+    rest determines their velocities.
+    """
     ends = model.ends
     start = contacts[i]
     if start.last - start.first > 2:
@@ -156,19 +160,29 @@ def _find_path(contacts, springs, model, ramp, i):
             break
         if o.last - o.first > 2 or ends[k].other == i:
             return 0
-        here = ends[k].other
-        k = _leave_by(o, springs, model, came)
+        here, last, spring = find_span(clusters, ramp, ends[k].other)
+        if last != ends[k].other:
+            return 0
+        k = _leave_by(contacts[here], springs, model, came if spring < 0 else spring + 1)
     if k < 0:
         came = -1
-    count = 0
+    count = path = 0
     before, sign = -1, 1.0  # end of the next spring at the contact before
     if k >= 0:
         before = _end_at(contacts[ends[k].other], ends, came)
         sign = ends[before].sign
     while True:
-        _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
-        _enter(contacts, springs, model, ramp, count, here)
+        first, last, spring = find_span(clusters, ramp, here)
+        if first != here:
+            return 0
+        if spring >= 0:
+            enter_cluster(contacts, clusters, model.block[count], find_cluster(clusters, ramp, here))
+            here, came = last, spring + last - first
+        else:
+            _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
+            _enter(contacts, springs, model, ramp, count, here)
         count += 1
+        path += 1 + last - first
         before = _leave_by(contacts[here], springs, model, came)
         if before < 0:
             break
@@ -181,8 +195,10 @@ def _find_path(contacts, springs, model, ramp, i):
             return 0
         here = ends[before].other
     _enter_spring(springs, model.block[count], ramp, came if before >= 0 else -1, sign)
-    ramp.search.path = count
     ramp.search.anchored = ramp.search.before >= 0 or ramp.search.behind >= 0
+    if path > count and not ramp.search.anchored:
+        return 0
+    ramp.search.path = path
     return count
 
 
@@ -335,7 +351,10 @@ def find_block(contacts, springs, model, matrix, ramp, i):
         return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
     if is_coupled(couplings_of(model.ground)):
         return _find_whole(contacts, springs, model, ramp)
-    count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, ramp, i)
+    count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, model.clusters, ramp, i)
+    if count == 0 and wake_all(contacts, springs, model.clusters, ramp):
+        ramp.search.block += 1
+        count = _find_path(contacts, springs, model, model.clusters, ramp, i)
     if count == 0:
         ramp.search.block += 1
         count = _find_mesh(contacts, springs, model, ramp, i)

@@ -33,7 +33,7 @@ from .springs.records import BEND, PIECE, SLIDER, STRAY
 from .tournament import find_winners
 
 LONG = 256
-"""Contacts of a chain that may have sleeping clusters of contacts (`clusters`)."""
+"""Contacts of a body that may have sleeping clusters of contacts (`clusters`)."""
 LEAF_SIZE = 8
 """Contacts of a leaf of the tree of clusters, and parts of a larger one."""
 SHORTEST_BLOCK = 64
@@ -84,20 +84,35 @@ def order_contacts(body: Body) -> tuple[np.ndarray, int]:
     return place, width
 
 
-def _build_clusters(contacts: int) -> np.ndarray:
-    """Build the tree of clusters of a long chain, all awake: CLUSTER, leaves first, then level by level, shape (R,)."""
-    sizes = [-(-contacts // LEAF_SIZE)]
-    while sizes[-1] > 1:
-        sizes.append(-(-sizes[-1] // LEAF_SIZE))
-    clusters = zeros(sum(sizes), CLUSTER)
-    before, begin, width = 0, 0, LEAF_SIZE
-    for size in sizes:
-        level, each = clusters[begin : begin + size], np.arange(size)
-        level["first"], level["last"] = width * each, width * (each + 1) - 1
-        level["whole"] = (each > 0) & (level["last"] < contacts)
-        level["child"] = -1 if begin == 0 else before + LEAF_SIZE * each
-        level["parent"] = -1 if size == 1 else begin + size + each // LEAF_SIZE
-        before, begin, width = begin, begin + size, width * LEAF_SIZE
+def _build_clusters(body: Body) -> np.ndarray | None:
+    """Build the tree of clusters of a long body, all awake: CLUSTER, leaves first, then level by level, shape (R,).
+
+    Contact i may sleep if it has a spring from contact i - 1, and no other or the next one, to contact i + 1.
+
+    Returns:
+        The tree; None if no cluster has contacts that all may sleep.
+    """
+    joins = np.flatnonzero(body.ends[:, 1] == body.ends[:, 0] + 1)
+    before = np.full(body.contacts + 1, -1)
+    before[body.ends[joins, 1]] = joins
+    springs, here, behind = np.bincount(body.ends.ravel(), minlength=body.contacts), before[:-1], before[1:]
+    whole = (here >= 0) & np.where(behind < 0, springs == 1, (springs == 2) & (behind == here + 1))
+    levels: list[np.ndarray] = []
+    begin, width = 0, 1
+    while whole.size > 1:
+        parts = whole.size
+        whole = np.append(whole, np.zeros(-parts % LEAF_SIZE, bool)).reshape(-1, LEAF_SIZE).all(1)
+        level, each, width = np.zeros(whole.size, CLUSTER), np.arange(whole.size), LEAF_SIZE * width
+        level["first"], level["last"], level["whole"] = width * each, width * (each + 1) - 1, whole
+        level["spring"] = before[level["first"]]
+        level["child"] = begin - parts + LEAF_SIZE * each if levels else -1
+        begin += whole.size
+        level["parent"] = begin + each // LEAF_SIZE if whole.size > 1 else -1
+        levels.append(level)
+    if not levels[0]["whole"].any():
+        return None
+    clusters = zeros(begin, CLUSTER)
+    clusters[:] = np.concatenate(levels)
     return clusters
 
 
@@ -131,7 +146,7 @@ def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tu
                 f"{_MOST_NUMBERS:.0e} are allowed"
             )
     matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
-    clusters = _build_clusters(n) if body.is_chain and n >= LONG and not body.bends and not coupled else None
+    clusters = _build_clusters(body) if n >= LONG and not body.bends and not coupled else None
     listed, curves = np.zeros(n, np.int32), build_curves(body)
     return ends, zeros(n + 1, BLOCK), listed, matrix, zeros(2 * n, BREAK), NO_PIECES, None, clusters, curves
 

@@ -1,4 +1,4 @@
-"""Long sliding blocks of a chain, whose contacts sleep: clusters that a block treats like one spring and contact.
+"""Long sliding paths, whose contacts sleep: clusters that a block treats like one spring and contact.
 
 Through a cluster of sliding contacts, velocity and rate of tension change like through one spring with a contact
 behind it:
@@ -85,7 +85,7 @@ def _wake_contacts(contacts, springs, cluster, ramp):
     """Move the contacts and springs of a leaf, and account for their way; they slide on with the present velocities."""
     stretch = compliance = rise = 0.0
     for i in range(cluster.first, cluster.last + 1):
-        spring, c = springs[i - 1], contacts[i]
+        spring, c = springs[cluster.spring + i - cluster.first], contacts[i]
         pull = cluster.pull + rise * cluster.time
         moment = cluster.pull_moment + rise * cluster.time_moment
         # the integral of T over s is s T at its end less s T at its beginning less the integral of s times the rate
@@ -156,15 +156,15 @@ def find_cluster(clusters, ramp, i):
 
 @inlined
 def find_span(clusters, ramp, i):
-    """Find the first and the last contact of the largest sleeping cluster of a contact.
+    """Find the first and the last contact of the largest sleeping cluster of a contact, and the spring before them.
 
     Returns:
-        The two contacts; both are the contact itself if it is awake.
+        The two contacts and the spring; the contact itself twice and -1 if it is awake.
     """
     if clusters is None:
-        return i, i
+        return i, i, -1
     k = find_cluster(clusters, ramp, i)
-    return (clusters[k].first, clusters[k].last) if k >= 0 else (i, i)
+    return (clusters[k].first, clusters[k].last, clusters[k].spring) if k >= 0 else (i, i, -1)
 
 
 @inlined
@@ -182,7 +182,7 @@ def enter_cluster(contacts, clusters, e, k):
     e.side = 1 if contacts[cluster.last].bounds_met & FORWARD else -1
     e.upper = e.lower = cluster.rise
     e.blur = 0.0
-    e.spring, e.sign = cluster.first - 1, 1.0
+    e.spring, e.sign = cluster.spring, 1.0
     e.compliance, e.trial = cluster.compliance, -cluster.stretch / cluster.compliance
 
 
@@ -233,7 +233,7 @@ def _form_leaf(contacts, springs, block, cluster, ramp, j):
     for t in range(ramp.search.leaf_size):
         e = block[j + t]
         c = contacts[e.contact]
-        if not _sleeps_soundly(c, e) or c.bounds_met == FORWARD | BACKWARD:
+        if e.contact != block[j].contact + t or not _sleeps_soundly(c, e) or c.bounds_met == FORWARD | BACKWARD:
             return False
     e = block[j]
     _begin_cluster(cluster, ramp, e.v - elongation_rate(e.flow, e.trial, e.compliance), e.flow)

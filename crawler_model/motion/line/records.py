@@ -226,6 +226,7 @@ CLUSTER = np.dtype(
     [
         ("first", _INT),  # its contacts are first .. last, each with the spring before it
         ("last", _INT),
+        ("spring", _INT),  # the spring before the first of them
         ("parent", _INT),  # cluster that it is part of, -1 if there is none
         ("child", _INT),  # first of the clusters that it consists of, -1 for a leaf
         ("whole", _BYTE),  # whether it has as many parts as others, and a spring before it
@@ -255,7 +256,7 @@ CLUSTER = np.dtype(
     ],
     align=True,
 )
-"""A cluster of contacts of a long chain."""
+"""A cluster of contacts of a long path."""
 
 SEVERAL = 2
 """Value of `shifted` in a RAMP where several translations are admissible."""
@@ -451,7 +452,7 @@ class Model(NamedTuple):
     """The contacts around which rates change, memory, shape (N,)."""
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
-    blocks are paths: nothing of other blocks is compiled, and for other bodies nothing that only chains need. On
+    blocks are paths: nothing of other blocks is compiled, and for other bodies no guards of blocks. On
     gradual ground no block is followed as a path, and chains have a matrix, too. With couplings it has shape (N, N)."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
@@ -460,6 +461,6 @@ class Model(NamedTuple):
     ground: Any
     """The `Terrain`; None without patches, where nothing of it is compiled."""
     clusters: Any
-    """CLUSTER, leaves first, shape (R,); None for short chains and other bodies, where nothing of it is compiled."""
+    """CLUSTER, leaves first, shape (R,); None for bodies without long paths, where nothing of it is compiled."""
     curves: Any
     """The `Curves`; None if all springs are linear, where nothing of it is compiled."""

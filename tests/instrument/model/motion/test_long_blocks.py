@@ -15,6 +15,9 @@ from crawler_model.motion.line.build import LEAF_SIZE
 from ....scenes import wave_scene
 from ..long_chains import NEVER, Row, assert_same, chain, follow
 
+FRICTION = {"forward": 0.1, "backward": 0.3}
+RING = [["s.to", 0], ["s.from", 0]]
+
 
 def drawn(seed: int) -> tuple[Scene, list[np.ndarray]]:
     """A random chain of 40 to 300 contacts, driven by waves, noise or stretch; half of them are uniform."""
@@ -138,6 +141,35 @@ def test_a_search_wakes_no_run_of_another_block():
     crawler.follow(rows)
     crawler.budget = 11_000
     assert crawler.follow(rows).overspent == 0
+
+
+@pytest.mark.parametrize(("foot", "budget"), [(False, 4_000), (True, 10_000)])
+def test_fronts_of_strain_wake_few_contacts(foot, budget):
+    """The budget would be spent if an event at a front woke its whole block: of a segment, or of a ring with a foot."""
+    segment = {"name": "s", "from": 0, "to": 1, "stiffness": 1.0, "elements": 1_000, "friction": FRICTION}
+    document = {"name": "waves", "body": {"segments": [segment]}, "start": "relaxed"}
+    document["drive"] = {"wave": {"amplitude": 0.2, "wavelength": 0.2, "period": 1.0}}
+    if foot:
+        document["body"] |= {"contacts": [1.5], "links": {"stiffness": [4.0, 1.0], "between": RING}}
+        document["friction"] = FRICTION
+    scene = Scene.model_validate(document)
+    rows = scene.drive.sample(np.arange(1, 9) * (NS // 64))
+    crawler = Crawler(scene)
+    crawler.follow(rows[:2])
+    crawler.budget = budget
+    assert crawler.follow(rows[2:]).overspent == 0
+
+
+@pytest.mark.parametrize("leaf_size", [2, LEAF_SIZE])
+@pytest.mark.parametrize("closes", [[0, 79], [20, 79]])
+def test_rings_move_as_if_awake(leaf_size, closes, monkeypatch):
+    """Rings, and rings with a tail, in two waves that pass along them."""
+    n = 80
+    open_chain = chain(np.ones(n - 1), np.full(n, 0.05), np.full(n, 0.15)).document()
+    links = {"stiffness": 1.0, "between": [[i, i + 1] for i in range(n - 1)] + [closes]}
+    scene = Scene.model_validate(open_chain | {"body": open_chain["body"] | {"links": links}})
+    rows = [np.sin(2.0 * np.pi * (2.0 * np.arange(n) / n - t / 16)) for t in range(20)]
+    assert assert_same(scene, rows, monkeypatch, 1e-11, leaf_size) > 100
 
 
 def test_a_contact_at_its_bound_that_does_not_move_has_no_displacement():
