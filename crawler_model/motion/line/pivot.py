@@ -191,7 +191,7 @@ def find_sides(contacts, springs, model, ramp, count):
     best, waited, last_only = count + 1, 0, False
     hurries = ramp.search.hurries != 0 and ramp.search.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.search.patience if hurries else ramp.search.patience + count
-    projects_after = 0 if ramp.stepping or ramp.search.asleep else ramp.search.projects_after
+    projects_after = 0 if ramp.stepping else ramp.search.projects_after
     keep_limits(couplings_of(model.ground), block, count)
     # ground that holds less and less may leave no solution, or several
     if not is_stable(contacts, springs, model, model.ground, ramp, count):
@@ -202,7 +202,7 @@ def find_sides(contacts, springs, model, ramp, count):
             return found > 0
     for turn in range(50 + 10 * count):
         ramp.effort += count
-        # from the projection, which takes linear time, the search does not wake clusters on its way to the answer
+        # a long path starts from its projection, which is solved in linear time
         if turn == projects_after and ramp.search.path > 0:
             if _is_loose(ramp, block, model.curves, count):
                 return False
@@ -222,8 +222,6 @@ def find_sides(contacts, springs, model, ramp, count):
             solve_path(block, count)
         elif not solve_mesh(contacts, springs, model, model.matrix, ramp, count):
             break
-        if wake_turning(contacts, springs, block, model.clusters, ramp, count):
-            return False
         if resting == 1:
             _balance(block, count, last)
         if balances:  # the reference slides, too, and the translation is free
@@ -234,6 +232,8 @@ def find_sides(contacts, springs, model, ramp, count):
         found = _exchange(block, count, last_only)
         found += exchange_pieces(couplings_of(model.ground), True)
         if found == 0:
+            if wake_turning(contacts, springs, block, model.clusters, ramp, count):
+                return False
             ramp.search.undetermined |= balances
             return True
         last_only = False
