@@ -26,7 +26,8 @@ def solve(target, stiffness, lower, upper):
     """The tensions of the projection, and the sides of the contacts: a row of the block is a contact and its spring."""
     n = target.size
     block = zeros(n + 2, BLOCK)
-    block["spring"], block["lower"][:-1], block["upper"][:-1] = -1, lower, upper
+    block["spring"] = block["cluster"] = -1
+    block["lower"][:-1], block["upper"][:-1] = lower, upper
     block["spring"][1:-1], block["trial"][1:-1], block["compliance"][1:-1] = range(n), target, 1.0 / stiffness
     solve_block(block, zeros(2 * n + 2, BREAK), np.zeros((1, 1)), zeros(1, RAMP))
     tension, after = np.empty(n), 0.0
