@@ -9,7 +9,7 @@ from tests.lab.identify import mistakes
 
 from .coverage import measure_each
 
-ROBOTS, QUICK = 20, 1
+ROBOTS, QUICK = 200, 1
 
 
 def measure_mistakes(robots: int, progress: Callable[[float], None]) -> list[dict[str, Any]]:

@@ -97,7 +97,7 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
     yield Fault(
         lambda b: f"springs harden: stretched by {stretch:.2g} m they are {1 + 3 * b * stretch**2:.3g} times as stiff",
         _harden,
-        [(part / stretch**2,) for part in (0.3, 1.0)],
+        [(part / stretch**2,) for part in (0.03, 0.3, 1.0)],
         (0.0,),
         (30.0 / stretch**2,),
         True,
