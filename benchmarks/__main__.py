@@ -47,8 +47,8 @@ def bench(
     what: Annotated[
         What,
         typer.Argument(
-            help="methods: speed against error; calls: what a call costs; growth: of the time of a ramp with the body; "
-            "identify: coverage; "
+            help="methods: speed against error; calls: what users call, beside peers; "
+            "growth: of the time of a ramp with the body; identify: coverage; "
             "inertia: how far masses change the gain; many: variations and environments; "
             "mistakes: how often wrong models are explained; "
             "node: throughput, latency, cost of features; plan: controllers of disturbed robots; replay: of recordings."

@@ -67,8 +67,16 @@ def choose_cases(names: Sequence[str], quick: bool) -> list[str]:
     return [name for name in CASES if name in names or (not names and not (quick and name in LONG))]
 
 
-def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], None]) -> BenchResult:
+def run_bench(
+    names: Sequence[str], quick: bool, progress: Callable[[float], None], methods: Sequence[str] = ()
+) -> BenchResult:
     """Measure the methods on some cases.
+
+    Args:
+        names: of the cases.
+        quick: whether to measure less.
+        progress: told the part that is done.
+        methods: names of those to measure; all if there are none.
 
     Returns:
         The results.
@@ -79,7 +87,7 @@ def run_bench(names: Sequence[str], quick: bool, progress: Callable[[float], Non
     for done, name in enumerate(names):
         case = CASES[name]()
         prepare(case.scene)
-        entrants = _entrants(case, quick, bench.left_out)
+        entrants = [e for e in _entrants(case, quick, bench.left_out) if not methods or e.method in methods]
         effort = _effort(case, quick)
         parts, total = 0, len(entrants) * (1 + effort.rounds)
 

@@ -39,7 +39,7 @@ def measure_many(variations: int, progress: Callable[[float], None]) -> list[dic
         rows += _measure_scene(name, key, max(variations // divisor, 10))
         progress(0.5 * (done + 1) / len(_CASES))
     for done, contacts in enumerate(_CONTACTS):
-        rows += [_measure_environments(contacts, count, variations) for count in _ENVIRONMENTS]
+        rows += [measure_environments(contacts, count, variations) for count in _ENVIRONMENTS]
         progress(0.5 + 0.5 * (done + 1) / len(_CONTACTS))
     return rows
 
@@ -62,13 +62,23 @@ def _measure_scene(name: str, key: str, variations: int) -> list[dict[str, Any]]
     return rows
 
 
-def _measure_environments(contacts: int, count: int, steps: int) -> dict[str, Any]:
-    """Measure one environment, or a vector of them, whose episodes do not end."""
+def measure_environments(contacts: int, count: int, steps: int, threads: int | None = None) -> dict[str, Any]:
+    """Measure one environment, or a vector of them, whose episodes do not end.
+
+    Args:
+        contacts: number of contacts of each.
+        count: number of environments.
+        steps: of all environments in a round.
+        threads: of a vector of environments; one for each core if None.
+
+    Returns:
+        A row: steps per second of all, the median of the rounds, the least and the most; time of a step of one [us].
+    """
     document: dict[str, Any] = {"name": "chain", "friction": {"forward": 0.2, "backward": 0.5}}
     document["body"] = {"contacts": (0.1 * np.arange(contacts)).tolist(), "links": {"stiffness": 20.0}}
     scene = Scene.model_validate(document)
     several = count > 1
-    many: Any = CrawlerVectorEnv(count, scene, steps=0) if several else CrawlerEnv(scene, steps=0)
+    many: Any = CrawlerVectorEnv(count, scene, steps=0, threads=threads) if several else CrawlerEnv(scene, steps=0)
     many.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (64, *((count,) if several else ()), contacts - 1))
     for action in actions[:3]:

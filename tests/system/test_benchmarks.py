@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parent.parent.parent
 KEYS = {"case": str, "n": int, "method": str, "us_per_tick": float, "error": float, "solved": bool}
 PARTS = {
-    "calls": {"case", "call", "us"},
+    "calls": {"case", "body", "call", "us", "peer", "of_peer", "exponent"},
     "growth": {"case", "method", "n", "ms", "pieces", "overspent", "to_catch_up", "exponent", "note"},
     "identify": {"case", "recording", "noise", "method", "called_determined", "worst_error", "missed", "seconds"},
     "inertia": {"case", "n", "number", "damping", "gain", "deviation", "ratio", "mujoco"},
