@@ -180,13 +180,21 @@ class Balance:
         return found
 
     def lag(self, unknowns: np.ndarray) -> float:
-        """Read the lag [s]."""
+        """Read the lag.
+
+        Args:
+            unknowns: all unknowns, shape (U,).
+
+        Returns:
+            The lag [s].
+        """
         return self._mean + self._deviation * float(unknowns[self._begun - 1])
 
     def shift(self, unknowns: np.ndarray, k: int) -> np.ndarray:
         """Read by how much the contacts of a recording are displaced against the first one.
 
         Args:
+            unknowns: all unknowns, shape (U,).
             k: number of the recording.
 
         Returns:

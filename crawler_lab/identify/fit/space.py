@@ -71,7 +71,7 @@ class Space:
 
         Args:
             name: its name.
-            value: its value in the scene.
+            value: its value in the scene [its unit].
 
         Returns:
             The coordinates of all.
