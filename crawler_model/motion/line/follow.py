@@ -306,7 +306,7 @@ def _add_ramp(account, ramp):
     account[entries.ROUNDING] += own.rounding
     account[entries.VIOLATION] = max(account[entries.VIOLATION], own.violation)
     account[entries.COMPLEMENTARITY] = max(account[entries.COMPLEMENTARITY], own.complementarity)
-    account[entries.AMBIGUOUS] = max(account[entries.AMBIGUOUS], own.ambiguous)
+    account[entries.AMBIGUOUS] = max(account[entries.AMBIGUOUS], own.ambiguous, own.unsolved)
     account[entries.VISITED] = min(account[entries.VISITED], own.visited)
 
 

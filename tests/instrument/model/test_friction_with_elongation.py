@@ -364,3 +364,66 @@ def test_a_check_tells_where_friction_is_steeper_than_its_link():
         printed = io.StringIO()
         print_report(simulate(two(entry, [0.0, -STROKE])), Console(file=printed, width=1000))
         assert ("steep: link_0 changes the friction of contact 0 by 40 N/m, more than" in printed.getvalue()) == told
+
+
+def test_a_jump_within_which_the_other_contact_lets_go_is_not_unique():
+    """As the rear slides back at 1.7 s, less and less friction holds the front, too: which is faster decides the end."""
+    entry = {"link": 0, "contacts": [0, 1], "elongation": [-0.24, 0.04, 0.9], "added": [2.0, 0.6, 2.8]}
+    scene = {
+        "name": "both",
+        "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 2.06}},
+        "friction": {"forward": [0.75, 0.37], "backward": [0.3, 2.84], SWELLS: [entry]},
+        "drive": {"times": [0, 1, 2], "actuation": [[0.0], [-0.8], [1.1]]},
+    }
+    run = simulate(Scene.model_validate(scene), rate=1.0)
+    assert run.jumps
+    assert not run.unique
+
+
+def test_where_no_motion_is_found_none_is_unique():
+    scene = {
+        "name": "steep",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [2.311935807422267, 3.674022066198596]}},
+        "friction": {
+            "forward": [0.7753259779338014, 0.7963891675025075, 0.8836509528585758],
+            "backward": [2.1785356068204615, 0.8836509528585758, 0.6649949849548646],
+            SWELLS: [
+                {
+                    "link": 0,
+                    "contacts": [2],
+                    "elongation": [-0.600802407221665, 0.13440320962888666],
+                    "added": [0.5496489468405216, 1.7873620862587762],
+                },
+                {
+                    "link": 1,
+                    "contacts": [1, 2],
+                    "elongation": [-0.5486459378134403, -0.38415245737211634, 0.27883650952858574],
+                    "added": [2.1003009027081245, 0.7883650952858575, 1.205616850551655],
+                },
+            ],
+        },
+        "ground": {
+            "profile": {
+                "at": [-1.58876629889669, -1.0972918756268806, 2.9769307923771313],
+                "friction": [0.3741223671013039, 2.5817452357071216, 0.728184553660983],
+            },
+            "walls": [
+                {"at": 2.4302908726178534, "stops": "forward"},
+                {"at": -0.08625877632898696, "stops": "backward"},
+            ],
+        },
+        "drive": {
+            "times": [0, 1, 2, 3, 4, 5],
+            "actuation": [
+                [0.0, 0.0],
+                [1.2457372116349048, -1.3731193580742227],
+                [1.3861584754262788, 1.2968906720160482],
+                [-1.3671013039117352, 1.1614844533600803],
+                [-1.391173520561685, -1.4623871614844535],
+                [-0.18054162487462388, -0.31293881644934807],
+            ],
+        },
+    }
+    run = simulate(Scene.model_validate(scene), rate=1.0)
+    assert run.unsolved > 0
+    assert not run.unique

@@ -9,6 +9,7 @@ from ..pivot import find_sides
 from ..records import BACKWARD, FORWARD
 from .bounds import set_bounds
 from .chords import is_long
+from .couplings import is_coupled
 from .driving import STIFF
 from .falls import let_tip
 from .gradual import NEUTRAL
@@ -21,7 +22,8 @@ def tip(contacts, springs, model, ground, ramp, count):
 
     A contact can begin to if, at fixed commands, its force does not fall below its bound when it is moved and the
     others follow. Where several can, the one whose force falls fastest as it moves does, because its falling bound then
-    leads it longest, and the end of the jump is one of several.
+    leads it longest, and the end of the jump is one of several. So it is where a contact begins within the jump of
+    another, unless both slide one way and springs add nothing to bounds.
 
     Args:
         ground: the `Terrain`; `due` of the ramp is then the contact.
@@ -59,7 +61,8 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
                     if sign * e.force < least - NEUTRAL * size:
                         first, way, least = e.contact, side, sign * e.force
             e.ahead, e.behind = ahead, behind
-    ramp.account.ambiguous = ambiguous if found < 2 else 1.0
+    several = found > 1 or (found == 1 and falling != 0 and _races(contacts, model, way, count))
+    ramp.account.ambiguous = 1.0 if several else ambiguous
     ramp.fall.falling = falling
     if ramp.chords > 0.0:  # along a chord that was given up, velocities may be large, and with them rounding
         for i in range(contacts.shape[0]):
@@ -67,6 +70,18 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
                 set_bounds(contacts[i], ground.feet[i], ground, ramp)
     if found > 0:
         let_tip(contacts[first], ground, ramp, first, way)
+
+
+@lean
+def _races(contacts, model, way, count):
+    """Determine whether where a jump ends depends on how fast a contact of it slides in relation to another."""
+    if is_coupled(model.ground.couplings):
+        return True
+    for j in range(count):
+        fallen = contacts[model.block[j].contact].fallen
+        if fallen != 0 and fallen != way:
+            return True
+    return False
 
 
 @lean
