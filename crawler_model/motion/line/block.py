@@ -17,7 +17,6 @@ from .ground.couplings import couplings_of, follow_couplings, is_coupled, place_
 from .ground.gradual import is_gradual
 from .ground.steps import enter_end
 from .pivot import ROUNDING
-from .project import project
 from .records import BACKWARD, FORWARD
 from .springs.bends import is_flat
 from .springs.parts import find_pull
@@ -140,11 +139,11 @@ def _leave_by(c, springs, model, came):
 
 
 @lean
-def _find_path(contacts, springs, model, clusters, ramp, i, cut):
+def _find_path(contacts, springs, model, clusters, ramp, i):
     """Find the block around contact i if its springs form a path; returns the number of its rows, else 0.
 
-    Contact `cut`, if not -1, counts as a wall. The number is 0, too, if the path leads through sleeping clusters from
-    their last contact to their first, or if nothing at rest determines their velocities.
+    It is 0, too, if the path leads through sleeping clusters from their last contact to their first, or if nothing at
+    rest determines their velocities.
     """
     ends = model.ends
     start = contacts[i]
@@ -156,7 +155,7 @@ def _find_path(contacts, springs, model, clusters, ramp, i, cut):
     while k >= 0:  # to one end of the path
         o = contacts[ends[k].other]
         came = ends[k].spring
-        if _is_wall(o, ramp) or ends[k].other == cut:
+        if _is_wall(o, ramp):
             ramp.search.before = ends[k].other
             break
         if o.last - o.first > 2 or ends[k].other == i:
@@ -189,7 +188,7 @@ def _find_path(contacts, springs, model, clusters, ramp, i, cut):
             break
         came, sign = ends[before].spring, ends[before].sign
         o = contacts[ends[before].other]
-        if _is_wall(o, ramp) or ends[before].other == cut:
+        if _is_wall(o, ramp):
             ramp.search.behind = ends[before].other
             break
         if o.last - o.first > 2 or o.mark == ramp.search.block:
@@ -201,30 +200,6 @@ def _find_path(contacts, springs, model, clusters, ramp, i, cut):
         return 0
     ramp.search.path = path
     return count
-
-
-@lean
-def _guess_ring(contacts, springs, model, ramp, i):
-    """Let the search in an implicit step of a ring begin from its projection, if it is one.
-
-    The ring is cut at a contact that is held at rest, then at the contact at rest that is furthest from there: contacts
-    at rest between them keep that one from what the first cut holds.
-    """
-    for _ in range(2):
-        c = contacts[i]
-        ramp.search.block += 1
-        if c.last - c.first != 2:
-            return
-        count = _find_path(contacts, springs, model, model.clusters, ramp, model.ends[c.first].other, i)
-        if ramp.search.before != i or ramp.search.behind != i or count == 0:
-            return
-        ramp.effort += count
-        project(model, ramp, count)
-        c.v, furthest = 0.0, count + 1
-        for j in range(count):
-            contacts[model.block[j].contact].v = BEGINS * model.block[j].side
-            if model.block[j].side == 0 and abs(2 * j - count) < furthest:
-                furthest, i = abs(2 * j - count), model.block[j].contact
 
 
 @inlined
@@ -376,14 +351,11 @@ def find_block(contacts, springs, model, matrix, ramp, i):
         return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
     if is_coupled(couplings_of(model.ground)):
         return _find_whole(contacts, springs, model, ramp)
-    count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, model.clusters, ramp, i, -1)
+    count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, model.clusters, ramp, i)
     if count == 0 and wake_all(contacts, springs, model.clusters, ramp):
         ramp.search.block += 1
-        count = _find_path(contacts, springs, model, model.clusters, ramp, i, -1)
-    if count == 0 and ramp.stepping and not is_gradual(model.ground):
-        _guess_ring(contacts, springs, model, ramp, i)
+        count = _find_path(contacts, springs, model, model.clusters, ramp, i)
     if count == 0:
-        ramp.search.path = 0
         ramp.search.block += 1
         count = _find_mesh(contacts, springs, model, ramp, i)
     return count
