@@ -92,7 +92,8 @@ def identify_command(
     ] = None,
     starts: Annotated[int, typer.Option(help="Number of starts, unless an earlier one fits.", min=1)] = 8,
     seconds: Annotated[
-        float, typer.Option(help="Search of more starts while none fits, s of a usual processor; 0 for one.", min=0.0)
+        float,
+        typer.Option(help="Time for more starts while none fits, s of a usual processor; 0 for one.", min=0.0),
     ] = 10.0,
     seed: Annotated[int, typer.Option(help="Seed of the random starts.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,

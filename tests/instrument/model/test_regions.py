@@ -11,7 +11,6 @@ import pytest
 from rich.console import Console
 
 from crawler_command.check import print_report
-from crawler_lab import sensitivities
 from crawler_model import CommandError, Crawler, Scene, SceneError, limit_cycle, load_scene, simulate
 from crawler_model.scene.parts import RegionPart
 
@@ -256,8 +255,6 @@ def test_what_holds_a_body_at_its_start_is_the_friction_of_its_ground(turns):
 
 def test_what_needs_the_same_ground_everywhere_is_refused():
     scene = load_scene("snake_over_two_grounds")
-    with pytest.raises(SceneError, match=r"sensitivities: snake_over_two_grounds has ground.regions, whose borders"):
-        sensitivities(scene, ["friction.forward"])
     with pytest.raises(
         CommandError, match=r"limit_cycle: snake_over_two_grounds has ground.regions, and after 2 periods"
     ):
