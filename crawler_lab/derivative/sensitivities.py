@@ -185,14 +185,14 @@ def sensitivities(
         )
     end_ns = round(seconds * NS)
     tick_ns = tick_ends(1, count_ticks(end_ns, ratio), ratio, end_ns)
-    travel = float(np.ptp(simulate(scene, seconds, rate).net_translation)) if scene.body.segments else 0.0
+    here = simulate(scene, seconds, rate) if scene.body.segments else None
     if scene.can_be_differenced:
         found = _differentiate_by_runs(scene, keys, tick_ns)
-        return _average_over_grids(scene, found, keys, tick_ns, travel, rate) if scene.body.segments else found
+        return found if here is None else _average_over_grids(scene, found, keys, tick_ns, here, rate)
     derivatives = differentiate_arrays(scene, keys, "sensitivities")
     if scene.dimension == 1:
-        found = _differentiate_on_line(scene, derivatives, tick_ns, travel)
-        return _average_over_grids(scene, found, keys, tick_ns, travel, rate) if scene.body.segments else found
+        found = _differentiate_on_line(scene, derivatives, tick_ns, 0.0 if here is None else _find_travel(here))
+        return found if here is None else _average_over_grids(scene, found, keys, tick_ns, here, rate)
     paths = (PlanePath(scene, derivatives, factor) for factor in (_COARSER, 1.0))
     coarse, fine = (_differentiate(scene, derivatives, tick_ns, path) for path in paths)
     size = np.abs(fine.displacement).max(axis=(0, 1, 2))
@@ -224,12 +224,14 @@ def _differentiate_by_runs(scene: Scene, keys: Sequence[str], tick_ns: np.ndarra
 
 
 def _average_over_grids(
-    scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, travel: float, rate: float
+    scene: Scene, found: Sensitivities, keys: Sequence[str], tick_ns: np.ndarray, here: Trajectory, rate: float
 ) -> Sensitivities:
-    """Average the derivatives of the net translation of a body with segments over grids."""
+    """Average derivatives of the net translation of a body with segments over grids; `here` is the run on its own."""
+    travel = _find_travel(here)
     try:
         grids = [scene, *other_grids(scene)]
-        gains = [_last_gain(simulate(grid, float(found.time[-1]), rate)) for grid in grids]
+        others = (simulate(grid, float(found.time[-1]), rate) for grid in grids[1:])
+        gains = [_last_gain(run) for run in (here, *others)]
         if scene.can_be_differenced:
             sides, hides = map(np.stack, zip(*(differentiate_grid(grid, keys, tick_ns) for grid in grids), strict=True))
             table, missed = sides.mean(axis=1), compare_steps(sides, travel, found.values)
@@ -262,6 +264,11 @@ def _average_over_grids(
         tolerance=math.nan if unresolved.all() else float(error[~unresolved].max()),
         unresolved=frozen(unresolved, np.bool_),
     )
+
+
+def _find_travel(run: Trajectory) -> float:
+    """Measure how far a body with segments moves [m]."""
+    return float(np.ptp(run.net_translation))
 
 
 def _last_gain(run: Trajectory) -> float:

@@ -122,7 +122,6 @@ class Replica:
         self._local = differentiate_arrays(self._base, self._keys, _CALLER)
         self.start_values = self._local.values
         self.limits: list[int] = np.flatnonzero(self._local.pieces[:, (BEGIN, END)].any(axis=(0, 1))).tolist()
-        self.is_affine = False
         if self._is_recorded and not self._base.body.bends:
             far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
             with contextlib.suppress(SceneError):
