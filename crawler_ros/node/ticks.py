@@ -173,9 +173,9 @@ class Ticks:
         seconds = ns / NS
         accounts = follow_ticks(crawler, encoder.readout, targets, taken.first, seconds, read, joints, contacts, moved)
         poses = encoder.poses[:count]
-        poses[:, ::4] = np.vecdot(moved, crawler.body.share)  # x and its gain, each to the bit as one product
+        np.vecdot(moved, crawler.body.share, out=poses[:, ::4])  # x and its gain, each to the bit as one product
         if "odom" in encoder.places:
-            poses[:, 4] /= seconds[read]
+            poses[:, 4] /= seconds if count == seconds.size else seconds[read]
         if self.yields is not None:
             targets = np.vstack((self._columns.target(in_force[None]), targets))[taken.first[1:]]  # at the end of each
             self.yields.add_ticks(joints[:, 0, 1:], targets[:, crawler.body.link_springs], ns)

@@ -51,6 +51,8 @@ class CommandQueue:
         """Rows dropped because no equilibrium holds their loads, or the frictions of a point do not fit together."""
         self.overdue = 0
         """Trajectories that began when their last point was past, so that one tick followed them from end to end."""
+        self.most_waiting = min(MOST_ROWS, MOST_BYTES // (8 * columns.count + _ROW_BYTES))
+        """Largest number of waiting rows: each becomes a full row of commands at its tick."""
         self._lengths = columns.lengths
         self._needs_checks = bool(columns.loads) or columns.joints is not None  # rows, before they are followed
         self._lock = threading.Lock()
@@ -92,11 +94,6 @@ class CommandQueue:
     def waiting(self) -> int:
         """Number of waiting command rows, including a running trajectory's."""
         return self._pending + self._pending_beside + len(self._path.ahead)
-
-    @property
-    def most_waiting(self) -> int:
-        """Largest number of waiting rows: each becomes a full row of commands at its tick."""
-        return min(MOST_ROWS, MOST_BYTES // (8 * self._columns.count + _ROW_BYTES))
 
     def _reserve(self, rows: int) -> None:
         """Refuse rows for which the queue has no room; call it with the lock held."""
@@ -370,7 +367,7 @@ class CommandQueue:
         for k in range(count):
             row = row.copy()
             if k < len(actuation):
-                np.copyto(row[: self._lengths], actuation[k], where=~np.isnan(actuation[k]))
+                np.copyto(row[: self._lengths], actuation[k], where=actuation[k] == actuation[k])  # NaN holds
             for first, waiting in beside.items():
                 if k < len(waiting):
                     row[first : first + waiting[k].size] = waiting[k]

@@ -48,7 +48,7 @@ class Limits:
         Returns:
             True if `check` would accept them, and they are finite.
         """
-        return bool((np.abs(values) <= self.largest[: values.size]).all())
+        return np.count_nonzero(np.abs(values) <= self.largest[: values.size]) == values.size  # quicker than all()
 
     def check(self, what: str, names: Sequence[str], values: np.ndarray, columns: np.ndarray | int = 0) -> None:
         """Refuse numbers beyond their limits.
