@@ -50,12 +50,13 @@ def build_shared(spec: Spec) -> Shared:
     ints = [actions.of, columns.index, stations, frictions]
     settings = [task.kind, axes, spec.steps, rate.numerator, rate.denominator]
     joints, feet = axes * (1 + body.joints.shape[0]), axes * shown.size
-    loaded = columns.slope_load is not None and axes == 1
+    loaded = columns.slope_load is not None and axes == 1 and has_kernel(scene)
     n, a = body.contacts, len(actions.names)
     sizes = {
         layout.DISPLACEMENT: axes * n,
-        layout.SLOPE: n if loaded and has_kernel(scene) else 0,
+        layout.SLOPE: n if loaded else 0,
         layout.ROW: columns.count,
+        layout.HELD: columns.count if loaded else 0,
         layout.TARGET: columns.index.size,
         layout.ACCOUNT: ACCOUNT_SIZE,
         layout.JOINTS: 3 * joints,

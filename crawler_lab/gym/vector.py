@@ -243,9 +243,7 @@ class CrawlerVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Report the results of some environments, as Gymnasium's vector environments do."""
         results, mask, info = self.lanes.results, self._mask(which), {}
         for key, column in (("net_translation", ALONG), ("gained", GAINED), ("work", SPENT)):
-            values = np.zeros(self.num_envs)
-            values[which] = results[which, column]
-            info[key], info[f"_{key}"] = values, mask.copy()
+            info[key], info[f"_{key}"] = np.where(mask, results[:, column], 0.0), mask.copy()
         return info
 
     def _drawn_info(self, which: np.ndarray) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from crawler_model.compiled import compiled, inner
+from crawler_model.compiled import entry, lean
 from crawler_model.motion.account import WORK
 
 from .layout import (
@@ -22,6 +22,7 @@ from .layout import (
     FEET,
     FURTHEST,
     GAINED,
+    HELD,
     HIGH,
     JOINTS,
     KIND,
@@ -53,11 +54,10 @@ from .layout import (
     TRAVEL,
     TRUNCATED,
     open_layout,
-    part,
 )
 
 
-@compiled
+@entry
 def find_bad(actions):
     """Find the first action that is not finite.
 
@@ -74,7 +74,7 @@ def find_bad(actions):
     return -1
 
 
-@inner
+@lean
 def end_of_step(settings, step):
     """Compute the time at which a step ends, rounded as the ends of ticks are.
 
@@ -88,7 +88,7 @@ def end_of_step(settings, step):
     return step * NS * settings[RATE_BELOW] // settings[RATE]
 
 
-@inner
+@lean
 def command(lane, clock, action, layout):
     """Turn an action into the next command; one that friction cannot hold leaves that in force.
 
@@ -98,7 +98,7 @@ def command(lane, clock, action, layout):
         action: rates, from -1 to 1, clipped; shape (A,).
         layout: what all lanes share.
     """
-    actions, queue, row = action.shape[0], layout.at[QUEUE], layout.at[ROW]
+    actions, queue, row, held = action.shape[0], layout.at[QUEUE], layout.at[ROW], layout.at[HELD]
     slots = (layout.at[QUEUE + 1] - queue) // actions
     first = queue + (clock[STEP] % slots) * actions
     for a in range(actions):
@@ -107,19 +107,19 @@ def command(lane, clock, action, layout):
     if given < 0:
         return
     first = queue + (given % slots) * actions
-    loaded = layout.at[SLOPE + 1] > layout.at[SLOPE]
-    held = part(lane, layout, ROW).copy() if loaded else action
+    for c in range(layout.at[HELD + 1] - held):
+        lane[held + c] = lane[row + c]
     for c in range(layout.of.shape[0]):
         if layout.of[c] >= 0:
             value = lane[row + c] + layout.limits[SIZE, c] * lane[first + layout.of[c]]
             lane[row + c] = min(max(value, layout.limits[LOW, c]), layout.limits[HIGH, c])
     if not aim(lane, layout):
         for c in range(layout.of.shape[0]):
-            lane[row + c] = held[c]
+            lane[row + c] = lane[held + c]
         aim(lane, layout)
 
 
-@inner
+@lean
 def aim(lane, layout):
     """Write the target of the command in force, as `Columns.target` does.
 
@@ -149,23 +149,24 @@ def aim(lane, layout):
     return not (ahead < near or behind < near)
 
 
-@inner
+@lean
+def _draw_evenly(clock):
+    """Draw a number between 0 and 1: splitmix64."""
+    z = np.uint64(clock[RANDOM]) + np.uint64(0x9E3779B97F4A7C15)
+    clock[RANDOM] = np.int64(z)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return (float(z >> np.uint64(11)) + 0.5) * 2.0**-53
+
+
+@lean
 def _draw(clock):
-    """Draw a number from the normal distribution: splitmix64, and the cosine of Box and Muller."""
-    state = np.uint64(clock[RANDOM])
-    each = np.empty(2)
-    for k in range(2):
-        state = state + np.uint64(0x9E3779B97F4A7C15)
-        z = state
-        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        z = z ^ (z >> np.uint64(31))
-        each[k] = (float(z >> np.uint64(11)) + 0.5) * 2.0**-53
-    clock[RANDOM] = np.int64(state)
-    return math.sqrt(-2.0 * math.log(each[0])) * math.cos(2.0 * math.pi * each[1])
+    """Draw a number from the normal distribution: the cosine of Box and Muller."""
+    return math.sqrt(-2.0 * math.log(_draw_evenly(clock))) * math.cos(2.0 * math.pi * _draw_evenly(clock))
 
 
-@inner
+@lean
 def observe(lane, clock, layout, first, log):
     """Write the observation after a step, the reward, and whether the episode is over; note the step in the log.
 
@@ -179,8 +180,8 @@ def observe(lane, clock, layout, first, log):
     settings, task, at = layout.settings, layout.task, layout.at
     axes, kind = settings[AXES], settings[KIND]
     width, feet = (at[JOINTS + 1] - at[JOINTS]) // 3, (at[FEET + 1] - at[FEET]) // 3
-    memory, result = part(lane, layout, MEMORY), part(lane, layout, RESULT)
-    observation = part(lane, layout, OBSERVATION)
+    memory, result = lane[at[MEMORY] : at[MEMORY + 1]], lane[at[RESULT] : at[RESULT + 1]]
+    observation = lane[at[OBSERVATION] : at[OBSERVATION + 1]]
     # positions and efforts of the joints, velocities of the contacts, and what is commanded
     filled = 0
     for row in (0, 2):
@@ -250,7 +251,7 @@ def observe(lane, clock, layout, first, log):
                 filled += 1
 
 
-@compiled
+@entry
 def command_one(lane, clock, action, floats, ints):
     """Turn the action of one environment into a command, see `command`.
 
@@ -264,7 +265,7 @@ def command_one(lane, clock, action, floats, ints):
     command(lane, clock, action, open_layout(floats, ints))
 
 
-@compiled
+@entry
 def observe_some(lanes, clocks, which, floats, ints, first, logs):
     """Observe environments whose readings were completed outside.
 

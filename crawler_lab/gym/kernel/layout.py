@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from crawler_model.compiled import inner
+from crawler_model.compiled import lean
 
 (
     DISPLACEMENT,  # of the contacts
     SLOPE,  # what the slope adds to the load of each contact; nothing without loads
     ROW,  # the command in force
+    HELD,  # the one before, which loads may need again; nothing without loads
     TARGET,  # the same for the kernels
     ACCOUNT,  # account of the last ramp
     JOINTS,  # readings of the root and the joints: positions, velocities, efforts
@@ -25,9 +26,9 @@ from crawler_model.compiled import inner
     SIGMA,  # standard deviation of the noise of the sensors, relative to their scales
     RESULT,  # results of a step, see below
     OBSERVATION,  # the observation
-) = range(12)
+) = range(13)
 """Parts of a lane."""
-PARTS = 12
+PARTS = 13
 FURTHEST, DISTANCE, BEGAN = range(3)
 """Entries of the memory behind the place: furthest place along the direction [m], size of the last error [m], place
 along the direction at the start [m]."""
@@ -93,7 +94,7 @@ INTS = ("of", "column", "stations", "observed")
 settings, the offsets of the parts of a lane, and the offsets of both."""
 
 
-@inner
+@lean
 def open_layout(floats, ints):
     """Find the parts of what all lanes share.
 
@@ -120,18 +121,3 @@ def open_layout(floats, ints):
         ints[i[2] : i[3]].reshape(((i[3] - i[2]) // 3, 3)),
         ints[i[3] : i[4]],
     )
-
-
-@inner
-def part(lane, layout, which):
-    """Find a part of a lane.
-
-    Args:
-        lane: the lane.
-        layout: what all lanes share.
-        which: the part.
-
-    Returns:
-        A view of it.
-    """
-    return lane[layout.at[which] : layout.at[which + 1]]

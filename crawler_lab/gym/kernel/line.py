@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from crawler_model.compiled import compiled, inner
+from crawler_model.compiled import entry, lean
 from crawler_model.crawler.readout import read_records
 from crawler_model.motion.account import VISITED
 from crawler_model.motion.line.follow import follow
 
 from .lane import command, end_of_step, observe
-from .layout import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_layout, part
+from .layout import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_layout
 
 
-@inner
+@lean
 def _read(lane, clock, layout, contacts, springs, seen, first):
     """Read the sensors of an environment after a step, or at the start of its episode."""
     settings = layout.settings
     seconds = np.inf
     if not first:
         seconds = (end_of_step(settings, clock[STEP] + 1) - end_of_step(settings, clock[STEP])) / NS
-    joints, feet = part(lane, layout, JOINTS), part(lane, layout, FEET)
+    at = layout.at
+    joints, feet = lane[at[JOINTS] : at[JOINTS + 1]], lane[at[FEET] : at[FEET + 1]]
     joints, feet = joints.reshape((3, joints.shape[0] // 3)), feet.reshape((3, feet.shape[0] // 3))
     read_records(contacts, springs, layout.stations, seen, seconds, joints, feet)
-    displacement = part(lane, layout, DISPLACEMENT)
+    displacement = lane[at[DISPLACEMENT] : at[DISPLACEMENT + 1]]
     for i in range(contacts.shape[0]):
         displacement[i] = contacts[i].x
 
 
-@compiled
+@entry
 def step_lanes(lanes, clocks, bodies, actions, shared, memory, logs):
     """Advance environments by one step: action, motion, readings, observation and reward.
 
@@ -46,23 +47,23 @@ def step_lanes(lanes, clocks, bodies, actions, shared, memory, logs):
     floats, ints, seen, observes = shared
     ramps, model = memory
     layout = open_layout(floats, ints)
-    records = np.empty((0, 0))
     for m in range(lanes.shape[0]):
         if clocks[m, SKIPPED]:
             continue
         lane, clock = lanes[m], clocks[m]
         command(lane, clock, actions[m], layout)
-        account, target = part(lane, layout, ACCOUNT), part(lane, layout, TARGET)
+        account = lane[layout.at[ACCOUNT] : layout.at[ACCOUNT + 1]]
+        target = lane[layout.at[TARGET] : layout.at[TARGET + 1]]
         for entry in range(account.shape[0]):  # a loop is faster than a slice
             account[entry] = 0.0
         account[VISITED] = np.inf
-        follow(contacts[m], springs[m], ramps, model, target.reshape((1, target.shape[0])), account, records)
+        follow(contacts[m], springs[m], ramps, model, target.reshape((1, target.shape[0])), account, logs[m, :0])
         _read(lane, clock, layout, contacts[m], springs[m], seen, False)
         if observes:
             observe(lane, clock, layout, False, logs[m])
 
 
-@compiled
+@entry
 def begin_episodes(lanes, clocks, bodies, which, shared, logs):
     """Read the sensors at the start of episodes, and observe.
 
