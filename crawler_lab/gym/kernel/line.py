@@ -54,8 +54,8 @@ def step_lanes(lanes, clocks, bodies, actions, shared, memory, logs):
         command(lane, clock, actions[m], layout)
         account = lane[layout.at[ACCOUNT] : layout.at[ACCOUNT + 1]]
         target = lane[layout.at[TARGET] : layout.at[TARGET + 1]]
-        for entry in range(account.shape[0]):  # a loop is faster than a slice
-            account[entry] = 0.0
+        for k in range(account.shape[0]):  # a loop is faster than a slice
+            account[k] = 0.0
         account[VISITED] = np.inf
         follow(contacts[m], springs[m], ramps, model, target.reshape((1, target.shape[0])), account, logs[m, :0])
         _read(lane, clock, layout, contacts[m], springs[m], seen, False)
