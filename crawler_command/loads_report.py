@@ -156,24 +156,17 @@ def print_limits(scene: Plan, screen: Console) -> None:
         try:
             with progress_bar("searching for the steepest slope") as progress:
                 slope = steepest_climb(scene, _BUDGET, progress)
-            screen.print(describe_climb(slope))
+            screen.print(_describe_climb(slope))
         except CommandError as error:
             why = str(error).removeprefix("steepest_climb: ")
             screen.print(f"steepest slope at which a period still gains: not searched for: {why}")
     with progress_bar("searching for the largest tow") as progress:
         tow = largest_tow(scene, -1, _BUDGET, progress)
-    screen.print(describe_tow(tow, on))
+    screen.print(_describe_tow(tow, on))
 
 
-def describe_climb(limit: Limit) -> str:
-    """Describe the steepest slope in a line.
-
-    Args:
-        limit: of `steepest_climb`.
-
-    Returns:
-        The line.
-    """
+def _describe_climb(limit: Limit) -> str:
+    """Describe the steepest slope in a line."""
     if limit.cause == "no travel":
         return (
             "steepest slope at which a period still gains: none, as the drive does not carry the body on level ground"
@@ -184,16 +177,8 @@ def describe_climb(limit: Limit) -> str:
     return f"steepest slope at which a period still gains: {_describe(limit, value, beyond, direction, none)}"
 
 
-def describe_tow(limit: Limit, on: str) -> str:
-    """Describe the largest tow in a line.
-
-    Args:
-        limit: of `largest_tow`.
-        on: the contact that is towed, for example "on contact 1".
-
-    Returns:
-        The line.
-    """
+def _describe_tow(limit: Limit, on: str) -> str:
+    """Describe the largest tow on a contact in a line."""
     if limit.cause == "no travel":
         return f"largest tow {on} at which a period still gains: none, as the drive does not carry the body without it"
     value, beyond = (f"{force:.8g} N" for force in (limit.value, limit.beyond))

@@ -162,15 +162,7 @@ def _own_domain() -> Iterator[dict[str, str]]:
 
 
 def _await_first_state(simulator: _Simulator, received: list[int]) -> None:
-    """Wait until a simulator answers, or a signal has been received.
-
-    Args:
-        simulator: the simulator, just started.
-        received: signals received so far.
-
-    Raises:
-        CrawlerError: when the simulator refuses its parameters, or is not heard.
-    """
+    """Wait until a simulator that was just started answers, or a signal has been received."""
     deadline = None
     with _first_state() as has_arrived:
         while not (has_arrived() or received or simulator.status == 0):
@@ -188,17 +180,7 @@ def _await_first_state(simulator: _Simulator, received: list[int]) -> None:
 
 
 def _play(simulator: _Simulator, command: list[str], environment: dict[str, str], received: list[int]) -> int | None:
-    """Run a controller until it ends, the simulator ends, or a signal is received.
-
-    Args:
-        simulator: the simulator, which answers.
-        command: the words of the controller.
-        environment: its environment.
-        received: signals received so far.
-
-    Returns:
-        The status of the controller; None where it did not end by itself.
-    """
+    """Run a controller until it or the simulator ends, or a signal is received; return its status if it ended."""
     controller = Process(command, environment, read=False)
     try:
         while controller.status is None and simulator.status is None and not received:

@@ -185,14 +185,7 @@ def _print_translation(run: Trajectory, rate: float) -> None:
 
 
 def _check_certificate(run: Trajectory) -> None:
-    """Refuse to end in success if an exact run is not exact; its numbers have been written by then.
-
-    Args:
-        run: the run.
-
-    Raises:
-        CrawlerError: if the energy balance or a bound is violated by more than rounding.
-    """
+    """Refuse to end in success if an exact run is not exact; its numbers have been written by then."""
     if run.method != "exact":  # the residual of catch_up measures the error of its steps
         return
     springs = run.scene.body.springs
@@ -208,15 +201,8 @@ def _check_certificate(run: Trajectory) -> None:
             )
 
 
-def describe_energy(energy: Energy) -> str:
-    """Describe the energy account in a line that adds up.
-
-    Args:
-        energy: the account.
-
-    Returns:
-        What was put in, where it went, and the residual.
-    """
+def _describe_energy(energy: Energy) -> str:
+    """Describe what was put in, where it went, and the residual in a line that adds up."""
     size = max(energy.peak, abs(energy.work), abs(energy.loads_work), energy.dissipation, abs(energy.stored))
     put_in = {"work": energy.work, "work of the loads": energy.loads_work}
     went = {"dissipation": energy.dissipation, "lost in springs": energy.internal_dissipation}
@@ -230,7 +216,7 @@ def describe_energy(energy: Energy) -> str:
 
 
 def _print_account(run: Trajectory) -> None:
-    screen.print(describe_energy(run.energy))
+    screen.print(_describe_energy(run.energy))
     screen.print(f"largest excess over a bound {run.violation:.1e} N; {run.events} linear pieces in {run.wall_s:.3g} s")
     if run.method == "catch_up" and run.scene.body.dimension == 1 and run.energy.relative_residual > _MISSED:
         screen.print("[yellow]catch_up missed events:[/] the residual shows the error; use exact or a higher rate")

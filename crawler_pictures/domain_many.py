@@ -50,7 +50,7 @@ def draw_three(scene: Plan, run: Trajectory) -> Figure:
     limits = _limits([domain.vertices() for _, domain in shown])
     for axis, (time_s, domain) in zip(grid.ravel(), shown, strict=False):
         draw_polygon(axis, domain, [f"contact {i}" for i in range(3)], len(shown) == 1)
-        draw_path(axis, path)
+        _draw_path(axis, path)
         if len(shown) > 1:
             axis.set_title(f"t = {time_s:.3g} s")
             here = section_path(scene, run.tension)[[_nearest(run, time_s)]]
@@ -162,14 +162,8 @@ def draw_box_in_space(axis: Axes3D, domain: StasisDomain) -> None:
     axis.grid(False)
 
 
-def draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
-    """Draw a path with arrows along it and a dot at its start.
-
-    Args:
-        axis: axes to draw on.
-        path: the path, shape (T, 2).
-        arrows: number of arrows.
-    """
+def _draw_path(axis: Axes, path: np.ndarray, arrows: int = 6) -> None:
+    """Draw a path, shape (T, 2), with arrows along it and a dot at its start."""
     axis.plot(*path.T, color="black", linewidth=1.3, zorder=4)
     axis.plot(*path[0], "o", color="black", markersize=7, zorder=5)
     run = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T)))) if path.shape[0] > 1 else np.zeros(1)
@@ -244,7 +238,7 @@ def _draw_projections(
     for domain in merged[1:]:
         axis.fill(*domain.vertices().T, facecolor="none", edgecolor=GREY, linewidth=0.9, zorder=1)
     draw_polygon(axis, merged[0], groups)
-    draw_path(axis, path[:, pair])
+    _draw_path(axis, path[:, pair])
     limits = _limits([*(domain.vertices() for domain in merged), path[:, pair]])
     axis.set(xlim=limits[0], ylim=limits[1], xlabel=label_of(scene, pair[0]), ylabel=label_of(scene, pair[1]))
 

@@ -272,11 +272,7 @@ class TangentPath:
         return bool((still[:, None] & lonely & (moves[:, ends[:, 0]] != moves[:, ends[:, 1]])).any())
 
     def _find_elongations(self, x: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """Find the elongations of bent springs at the start of each ramp, shape (V, B) [m].
-
-        Raises:
-            CommandError: if contacts slid to a knot at once, so that positions are not continuous.
-        """
+        """Find the elongations of bent springs at the start of each ramp, (V, B) [m]; they must be continuous."""
         body = self._plan.body
         bent = [bend.spring for bend in body.bends]
         if bent:

@@ -289,11 +289,7 @@ def _find_start(problem: Problem, fit: Fit, recording: int) -> np.ndarray | None
 
 
 def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray, float]:
-    """Find the gain of the actuators from the gains of all recordings.
-
-    Returns its value, its weights of the unknowns, shape (U,), and the variance by which recordings that contradict
-    each other widen it.
-    """
+    """Find the gain of all recordings, its weights of the unknowns, (U,), and the variance of what contradicts it."""
     gains = np.array([problem.sensed(fit.unknowns, i)[GAIN] for i in range(len(problem.replicas))])
     weight = np.zeros(problem.count)
     if GAIN not in problem.names:

@@ -182,17 +182,9 @@ def _runs(stamps: np.ndarray) -> list[slice]:
 def _vertices(
     begin: np.ndarray, points: list[list[np.ndarray]], after: list[np.ndarray], until: int, first: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """List the commands of a run with their times [ns]; a command is held until the next message.
+    """List times [ns], increasing, and rows of the commands of a run; a command is held until the next message.
 
-    Args:
-        begin: stamp of each message [ns].
-        points: the rows of each message.
-        after: time of each row after the stamp [ns].
-        until: end of the measurements [ns].
-        first: the row in force at the first stamp.
-
-    Returns:
-        Times, each once and increasing, shape (K,), and rows, shape (K, C).
+    Rows follow the stamps `begin` by the times `after`, and `until` is the end [ns]; `first` is in force at the start.
     """
     times, rows = [int(begin[0])], [first]
     for stamp, row, offsets in zip(begin.tolist(), points, after, strict=True):

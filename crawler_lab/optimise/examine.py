@@ -200,10 +200,7 @@ def _find_regime(space: Space, unknowns: Unknowns, point: np.ndarray) -> Regime 
 
 
 def _find_transient(scene: Scene, regime: Regime, limit: TimeLimit) -> float:
-    """Estimate how far the gain of a regime is from the limit cycle's, which takes more periods [m].
-
-    Infinite if the time is over before that is known.
-    """
+    """Estimate how far the gain is from the limit cycle's [m]; infinite if the time is over before that is known."""
     most_periods = _EXACT_PERIODS if scene.has_exact_derivatives else _FOLLOWED_PERIODS
     try:
         cycle = limit_cycle(scene, most_periods=most_periods, progress=limit.check)

@@ -115,11 +115,7 @@ class Console(Robot):
         return self._parse(name, self._arrived[name])
 
     def _parse(self, name: str, data: bytes) -> np.ndarray:
-        """Read positions, velocities and efforts of a message, shape (3, M).
-
-        Raises:
-            CommandError: if another body answers.
-        """
+        """Read positions, velocities and efforts of a message of this body, shape (3, M)."""
         message = deserialize_message(data, JointState)
         if list(message.name) != self._names[name]:
             raise CommandError(f"{name} has {', '.join(message.name[:4])}: the robot differs from {self.scene.name}")

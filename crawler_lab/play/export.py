@@ -110,11 +110,7 @@ def _write_friction(columns: Columns, frictions: np.ndarray) -> dict[str, Any]:
 
 
 def _merge(columns: Columns, table: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Merge columns that a drive commands together.
-
-    Raises:
-        CommandError: if they differ, as in a wave along a segment.
-    """
+    """Merge columns that a drive commands together, and refuse those that differ, as in a wave along a segment."""
     firsts = np.concatenate(([0], np.cumsum(sizes)[:-1]))
     merged = table[:, firsts]
     if not np.array_equal(np.repeat(merged, sizes, axis=1), table):
@@ -126,13 +122,8 @@ def _run(session: Session, scene: Scene) -> Trajectory:
     return simulate(scene, session.time_ns / 1e9, float(session.rate), session.crawler.method)
 
 
-def save_scene(session: Session, file: Path) -> None:
-    """Save the drive of a session as a scene file.
-
-    Args:
-        session: the session.
-        file: the .yaml file; for a long drive its text is JSON, which is YAML that is read sooner.
-    """
+def _save_scene(session: Session, file: Path) -> None:
+    """Save the drive as a scene file; the text of a long one is JSON, which is YAML that is read sooner."""
     document = write_scene(session).document()
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     text = f"# Made by hand with crawler play; simulate it at {float(session.rate):g} Hz.\n{text}"
@@ -143,29 +134,16 @@ def save_scene(session: Session, file: Path) -> None:
     file.write_text(text, encoding="utf-8")
 
 
-def save_picture(session: Session, file: Path) -> None:
-    """Save a page about a session, as `crawler simulate --png` draws it.
-
-    Args:
-        session: the session.
-        file: the .png file.
-    """
+def _save_picture(session: Session, file: Path) -> None:
+    """Save a page about a session, as `crawler simulate --png` draws it."""
     from crawler_pictures.run.run_page import draw_run
     from crawler_pictures.run.trajectory import read_trajectory
 
     draw_run(read_trajectory(_run(session, write_scene(session))), file)
 
 
-def save_film(session: Session, file: Path) -> None:
-    """Save a film of the last seconds of a session.
-
-    Args:
-        session: the session.
-        file: the .html file.
-
-    Raises:
-        CommandError: if it is shorter than two frames.
-    """
+def _save_film(session: Session, file: Path) -> None:
+    """Save a film of the last seconds of a session, of two frames at least."""
     from crawler_pictures.film.film import film_of_run, frame_times
     from crawler_pictures.film.player import write_html
 
@@ -176,13 +154,8 @@ def save_film(session: Session, file: Path) -> None:
     write_html(film_of_run(scene, _run(session, scene)).sample(times), file, _FPS, lambda _: None)
 
 
-def save_recording(session: Session, file: Path) -> None:
-    """Save a session as a recording, which replays to the bit.
-
-    Args:
-        session: the session.
-        file: the .mcap file.
-    """
+def _save_recording(session: Session, file: Path) -> None:
+    """Save a session as a recording, which replays to the bit."""
     from crawler_ros.recording.run_writer import write_run
 
     with tempfile.TemporaryDirectory(dir=file.parent) as parent:
@@ -213,9 +186,9 @@ def _follow(session: Session) -> Iterator[RecordedTick]:
 
 
 KEPT = {
-    "scene.yaml": save_scene,
-    "recording.mcap": save_recording,
-    "picture.png": save_picture,
-    "film.html": save_film,
+    "scene.yaml": _save_scene,
+    "recording.mcap": _save_recording,
+    "picture.png": _save_picture,
+    "film.html": _save_film,
 }
 """How what can be kept is written."""

@@ -55,12 +55,7 @@ Course = Callable[[], Iterator[tuple[np.ndarray, np.ndarray]]]
 
 
 def _groups(whole: Stack, duration: float | None) -> Iterator[tuple[np.ndarray, np.ndarray, Course]]:
-    """Group the valid variations whose ramps lead to the same waypoints.
-
-    Yields:
-        Their indices, shape (K,); targets at the waypoints and, if the run does not end at one, at its end, shape
-        (K, W, F) or (K, W + 1, F); and their course.
-    """
+    """Group valid variations whose ramps meet the same waypoints: indices, targets (K, W or W + 1, F), and course."""
     valid = np.setdiff1d(np.arange(len(whole)), list(whole.reasons))
     period = whole.period
     timing = whole.times if period is None else np.column_stack((whole.times, period))

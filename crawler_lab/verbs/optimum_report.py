@@ -152,10 +152,7 @@ def _find_reversals(scene: Scene) -> tuple[float, list[int]]:
 
 
 def _count_reversals(values: np.ndarray) -> int:
-    """Count how often a quantity changes its direction in a period.
-
-    Its values at the waypoints have shape (T,), and the last one equals the first.
-    """
+    """Count how often a quantity changes its direction in a period, whose first and last value, of (T,), are equal."""
     steps = np.diff(values)
     signs = np.sign(steps[np.abs(steps) > 1e-9 * np.ptp(values)])
     return int((signs != np.roll(signs, 1)).sum())

@@ -145,10 +145,7 @@ def plan_sweep(
 
 
 def _vary(scene: Scene, axes: Mapping[str, np.ndarray]) -> tuple[Variations, Mapping[str, np.ndarray]]:
-    """Vary numbers, and by `KEY/OTHER` the first number at a ratio to the other, which varies too or is the scene's.
-
-    Returns the variations, and the value of each axis in each of them.
-    """
+    """Vary numbers, `KEY/OTHER` at a ratio to the other, and return the variations and the values of each axis."""
     ratios = {key: key.partition("/")[::2] for key in axes if "/" in key}
     if not ratios:
         variations = vary(scene, axes)
@@ -251,10 +248,7 @@ def _simulate_on_cluster(
 
 
 def _build_table(sweep: Sweep, runs: ManyRuns) -> pa.Table:
-    """Build the table of results: a row for each variation that was run, in the order of the grid.
-
-    It has the values varied, status and reason, the results; scene, settings and versions in the metadata.
-    """
+    """Build the table of the variations that were run; its metadata hold scene, settings and versions."""
     table = runs.to_table().filter(pa.array(runs.status != "not run"))
     for place, key in enumerate(runs.varied):
         unit = {"unit": unit_of(sweep.variations.base, key)}

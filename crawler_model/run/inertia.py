@@ -100,17 +100,10 @@ class Inertia:
         return text if slow is None else f"{text}; less than 1 % from a period of {slow:.3g} s on"
 
 
-def find_largest(jump: np.ndarray, friction: np.ndarray, root: np.ndarray) -> tuple[float, int, int]:
-    """Find the largest inertia number of the events of a path.
+def _find_largest(jump: np.ndarray, friction: np.ndarray, root: np.ndarray) -> tuple[float, int, int]:
+    """Find the largest inertia number, its event and its contact; contacts without friction do not count.
 
-    Args:
-        jump: by how much the velocity of each contact changes at each event, shape (E, N), in the plane (E, N, 2)
-            [m/s]; NaN where it is not known.
-        friction: sum of the frictions against sliding forward and backward there, shape (E, N) [N].
-        root: sqrt(K m) of each contact, shape (N,) [N s/m].
-
-    Returns:
-        The number [1], the event and the contact. Contacts without friction do not count.
+    `jump` of velocities [m/s], NaN if unknown, and `friction`, both ways [N], are of E events; `root` is sqrt(K m).
     """
     size = np.abs(jump) if jump.ndim == 2 else np.linalg.norm(jump, axis=2)
     ratio = np.divide(size * root, friction, out=np.zeros(size.shape), where=(friction > 0.0) & np.isfinite(size))
@@ -248,7 +241,7 @@ class InertiaMeter:
             return
         gap, path = len(self._before), np.concatenate((self._before, velocity))
         self._before = path[-gap:]
-        number, event, contact = find_largest(path[gap:] - path[:-gap], held, self._root)
+        number, event, contact = _find_largest(path[gap:] - path[:-gap], held, self._root)
         if number > self._worst[0] * (1.0 + _ROUNDING):
             self._worst = number, float(at_ns[event]), contact
 

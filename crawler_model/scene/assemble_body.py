@@ -47,10 +47,7 @@ def _check_sign(part: float | TablePart, field: str, unit: str, least: str) -> N
 
 
 def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
-    """Compute the stiffness of the elements of a segment between nodes, shape (..., elements) [N/m].
-
-    It is 1 if the segment has another curve of tension, see `assemble_bends`.
-    """
+    """Compute the stiffness of a segment's elements, (..., elements) [N/m]; 1 if it has another curve of tension."""
     elements = nodes.size - 1
     if part.stiffness is None:
         return np.ones(elements)
@@ -217,10 +214,7 @@ def _planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray |
 
 
 def _loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
-    """Compute what the slope adds to the loads, shape (..., N), in the plane (N, 2) [N].
-
-    None for a scene on level ground whose loads cannot be commanded.
-    """
+    """Compute what the slope adds to the loads, (..., N) or (N, 2) [N]; None if level and no load is commanded."""
     drive = parts.drive
     loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or np.any(ground.slope != 0.0)
     return ground.slope_load if loaded else None

@@ -196,10 +196,7 @@ def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarra
 def _build_waypoints(
     times: np.ndarray, period: Any, rows: np.ndarray, columns: Columns, doubts: np.ndarray | None
 ) -> Drive:
-    """Build a drive from waypoints and check them; the message of an error names the first invalid one.
-
-    Times have shape (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s].
-    """
+    """Build and check a drive: times (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s]."""
     if times.size == 0:
         raise SceneError("drive.times: the first time must be 0")
     _check_times(times, period, doubts)

@@ -136,10 +136,7 @@ def _assemble_track(parts: SceneParts, body: Body, weight: np.ndarray, follows: 
 
 
 def _assemble_couplings(parts: SceneParts, body: Body) -> tuple[Coupling, ...]:
-    """Build what changes friction with elongations, sorted by contact and spring.
-
-    What an element of a segment adds is divided equally between its two contacts.
-    """
+    """Build what changes friction with elongations, sorted by contact and spring; elements add half to each contact."""
     if parts.couplings and body.has_flat_springs:
         raise SceneError(
             "friction.with_elongation: with links or segments whose tension can stay constant as they change their "
@@ -181,20 +178,7 @@ def _check_index(index: int, count: int, field: str, known: str) -> None:
 def _assemble_gradual_track(
     parts: SceneParts, ground: GroundPart, body: Body, feet: tuple[np.ndarray, np.ndarray]
 ) -> Track:
-    """Divide a track with a profile into stretches: at its places, and at the borders of patches.
-
-    Args:
-        parts: the parts of the scene.
-        ground: the ground, with a profile.
-        body: the body.
-        feet: weight of each contact [N], and whether its friction follows from it.
-
-    Returns:
-        The track.
-
-    Raises:
-        SceneError: if a slope has no weights to act on.
-    """
+    """Divide a track into stretches at places of its profile and at borders of patches; see `assemble_ground`."""
     profile, (weight, follows) = ground.profile, feet
     assert profile is not None
     track = math.sin(ground.slope * _RADIANS)

@@ -40,21 +40,13 @@ def write_html(film: Film, file: Path, fps: float, progress: Callable[[float], N
         fps: frames per second at which it plays [Hz].
         progress: called with the fraction done, in [0, 1].
     """
-    data = json.dumps(describe_film(film, fps), allow_nan=False).replace("</", "<\\/")
+    data = json.dumps(_describe_film(film, fps), allow_nan=False).replace("</", "<\\/")
     file.write_text(_TEMPLATE.read_text(encoding="utf-8").replace(_MARK, data), encoding="utf-8")
     progress(1.0)
 
 
-def describe_film(film: Film, fps: float) -> dict[str, Any]:
-    """Collect what the script draws; arrays are base64 of little-endian numbers.
-
-    Args:
-        film: the run, sampled at the frames.
-        fps: frames per second [Hz].
-
-    Returns:
-        Text, numbers and lists.
-    """
+def _describe_film(film: Film, fps: float) -> dict[str, Any]:
+    """Collect what the script draws; arrays are base64 of little-endian numbers."""
     chosen, n = chosen_contacts(film), len(film.names)
     joints, place = chosen_springs(film, chosen), film.place[:, chosen]
     found: dict[str, Any] = {

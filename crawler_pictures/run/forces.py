@@ -121,7 +121,7 @@ def draw_tensions(
         open_range = half > 1e-9 * np.abs(value).max(initial=0.0)
         part = np.where(open_range, (value - 0.5 * (low + high)) / np.where(open_range, half, 1.0), np.nan)
         words = (f"lower bound, {_range(low)}", "middle", f"upper bound, {_range(high)}", "no room: its bounds meet")
-        draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, words)
+        _draw_image(axis, time, np.clip(part, -1.0, 1.0), 1.0, words)
         _name_springs(axis, names)
         write_title(axis, f"{what}; at its bounds a contact slips")
         return
@@ -130,7 +130,7 @@ def draw_tensions(
     scale, unit = choose_prefix(size, "N")
     largest = f"{size / scale:.3g} {unit}"
     signed = bool((value < 0.0).any())
-    draw_image(axis, time, value, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
+    _draw_image(axis, time, value, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
     _name_springs(axis, names)
     write_title(axis, f"{what}{why}")
 
@@ -159,16 +159,10 @@ def _name_springs(axis: Axes, names: Sequence[str]) -> None:
         axis.axhline(end + 0.5, color="#606060", linewidth=0.7)
 
 
-def draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, words: Sequence[str]) -> None:
-    """Draw values over time as an image, one row each; a pixel shows the value of greatest size in it.
+def _draw_image(axis: Axes, time: ArrayLike, values: ArrayLike, size: float, words: Sequence[str]) -> None:
+    """Draw values (T, K) as an image, one row each; a pixel shows the value of greatest size in it.
 
-    Args:
-        axis: axes to draw on.
-        time: shape (T,) [s].
-        values: at these times, shape (T, K).
-        size: the value of the strongest colour.
-        words: the lowest, middle and highest value of the colours, for the legend; the first is "0" without negative
-            ones; a fourth names the values that are NaN.
+    The legend names the lowest, middle and highest value, at `size`, with the first three words; a fourth names NaN.
     """
     from matplotlib.colors import LinearSegmentedColormap, Normalize
     from matplotlib.patches import Patch
@@ -220,7 +214,7 @@ def draw_commands(axis: Axes, time: ArrayLike, commands: Commands) -> None:
     scale, unit = choose_prefix(size, commands.unit)
     largest = f"{size / scale:.3g} {unit}".strip()
     signed = bool((values < 0.0).any())
-    draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
+    _draw_image(axis, time, values, size, (f"\u2212{largest}", "0", largest) if signed else ("0", "", largest))
     low, high = (name.replace("_", " ").replace("/", " ") for name in (commands.names[0], commands.names[-1]))
     rows = {"length": "link", "angle": "joint"}
     known = next((row for word, row in rows.items() if f"rest {word}" in commands.what), "contact")

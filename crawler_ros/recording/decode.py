@@ -72,19 +72,8 @@ class Layout:
     mask: np.ndarray
 
 
-def find_layout(kind: str, data: bytes) -> Layout:
-    """Find the positions of the numbers in a message.
-
-    Args:
-        kind: JOINT_STATE, TRAJECTORY, POSE or ODOMETRY.
-        data: its CDR bytes, little-endian.
-
-    Returns:
-        The layout; for the points of a trajectory it covers only the positions, for odometry only the pose.
-
-    Raises:
-        ValueError: when the bytes are not such a message, of which CommandError is one kind.
-    """
+def _find_layout(kind: str, data: bytes) -> Layout:
+    """Find where the numbers of a message are: of a trajectory only positions, of odometry only the pose."""
     names: tuple[str, ...] = ()
     walk = _Walk(data)
     if data[1] != 1:
@@ -213,10 +202,10 @@ class Decoder:
     def _find(self, data: bytes, block: Block) -> tuple[Layout, bytes]:
         """Find the layout of a message; re-encode it first if its encoding differs from ours."""
         try:
-            layout = find_layout(self._kind, data)
+            layout = _find_layout(self._kind, data)
         except ValueError:
             data = self._reencode(data, block)
-            layout = find_layout(self._kind, data)
+            layout = _find_layout(self._kind, data)
         if self.names is None:
             self.names = layout.names
         elif self._parts:

@@ -221,11 +221,7 @@ def _marks(place: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _longest_repetition(marks: np.ndarray) -> tuple[int, int, int]:
-    """Find the longest repetition; among equally long ones, that with the shortest period.
-
-    Returns:
-        Its beginning, its period and its number of whole periods; all 0 when nothing repeats.
-    """
+    """Find begin, period and number of periods of the longest repetition, of equally long ones the shortest; else 0."""
     best, covered = (0, 0, 0), 0
     for period in _possible_periods(marks):
         same = np.concatenate(([False], marks[period:] == marks[:-period], [False]))

@@ -67,12 +67,7 @@ def fit_start(survey: Survey, robot: Robot, crawler: Crawler, rate: Fraction | N
 
 
 class _FirstRun:
-    """The messages on a topic up to the first reset, where time goes back.
-
-    Attributes:
-        messages: times [ns] and numbers of the messages that hold any.
-        ended: whether there is a reset.
-    """
+    """The messages up to the first reset: times [ns] and numbers of those that hold any, and whether one is."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[int, np.ndarray]] = []

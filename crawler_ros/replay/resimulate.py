@@ -101,12 +101,7 @@ class Comparison:
 
 @dataclass(eq=False)
 class _Unpaired:
-    """States that wait for their counterparts.
-
-    Attributes:
-        keys: run, and time [ns] of each, shape (K, 2).
-        numbers: what they hold, shape (K, ...).
-    """
+    """States that wait for their counterparts: run and time [ns], shape (K, 2), and what they hold, (K, ...)."""
 
     keys: list[np.ndarray] = field(default_factory=list)
     numbers: list[np.ndarray] = field(default_factory=list)

@@ -40,15 +40,8 @@ _PATH_POINTS, _PATH_STEP = 2000, 0.01
 """Points of all paths in the plane, and the motion in body lengths between two of them."""
 
 
-def find_length(scene: Scene) -> float:
-    """Find the length of a body: the largest at rest, at its start and at the waypoints of its drive without friction.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        The length, in the plane the larger of both sides [m].
-    """
+def _find_length(scene: Scene) -> float:
+    """Find the largest length of a body at rest, at its start and at waypoints of its drive without friction [m]."""
     body, drive = scene.body, scene.drive
     some = np.unique(np.linspace(0, drive.times.size - 1, _MOST_WAYPOINTS).astype(np.int64))
     shapes = [np.zeros(body.position.shape), scene.start_displacement, *map(body.relaxed, drive.actuation[some])]
@@ -71,7 +64,7 @@ class _View:
         self._chosen = np.arange(n) if n <= MOST_CONTACTS else np.linspace(0, n - 1, MOST_CONTACTS).astype(np.int64)
         neighbours = np.column_stack((np.arange(self._chosen.size - 1), np.arange(1, self._chosen.size)))
         self._joints = body.joints if n <= MOST_CONTACTS else neighbours
-        self._length = find_length(scene)
+        self._length = _find_length(scene)
         self._planar = body.dimension == 2
         self._note = "" if n <= MOST_CONTACTS else f", {MOST_CONTACTS} of {n} contacts"
         self._note += ", of segments the ends" if body.segments else ""
@@ -89,13 +82,7 @@ class _View:
         return np.asarray((self._rest + frame.displacement.reshape(self._rest.shape))[self._chosen])
 
     def _log_body(self, points: np.ndarray, colors: list[Any], yields: np.ndarray) -> None:
-        """Log contacts and springs.
-
-        Args:
-            points: the contacts in the view, shape (K, 2) [m].
-            colors: of the contacts.
-            yields: mark of each joint, see `crawler_pictures.marks`, shape (J,); empty where none can be marked.
-        """
+        """Log contacts at points of the view, (K, 2) [m], and springs with the marks of their yields, (J,) or empty."""
         radii = rr.Radius.ui_points(2.5) if self._many else self._radius
         self._stream.log("world/contacts", rr.Points2D(points, colors=colors, radii=radii, draw_order=2.0))
         springs: Any = points[self._joints]
@@ -115,13 +102,7 @@ class _View:
         self._stream.log("world/links", drawn)
 
     def _log_slips(self, points: np.ndarray, ways: np.ndarray, colors: list[Any]) -> None:
-        """Log an arrow at each contact that slides, where there is room for arrows.
-
-        Args:
-            points: where the arrows are, shape (K, 2) [m].
-            ways: their directions, 0 for none, shape (K, 2).
-            colors: of the contacts.
-        """
+        """Log an arrow at each point, (K, 2) [m], that slides in a direction, (K, 2), where there is room."""
         if points.shape[0] > MOST_ARROWS:
             return
         reach = 0.14 * self._length if self._planar else 2.6 * self._radius

@@ -65,15 +65,8 @@ def is_free(port: int) -> bool:
     return True
 
 
-def claim_port() -> tuple[int, socket.socket]:
-    """Choose the first free port from `LIVE_PORT` on, and reserve it against simulators starting at the same time.
-
-    Returns:
-        The port, and the socket that reserves it until it is closed or this process ends.
-
-    Raises:
-        OSError: when all ports tried are taken.
-    """
+def _claim_port() -> tuple[int, socket.socket]:
+    """Choose the first free port from `LIVE_PORT` on, and reserve it by a socket until that is closed."""
     last = LIVE_PORT + _MOST_VIEWERS - 1
     for port in range(LIVE_PORT, last + 1):
         claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -108,7 +101,7 @@ class ViewerFeed:
         self._claim: socket.socket | None = None
         target = where = view
         if view == "live":
-            port, self._claim = claim_port()
+            port, self._claim = _claim_port()
             target = f"rerun+http://127.0.0.1:{port}/proxy"
             taken = f"; port {LIVE_PORT} is taken" if port != LIVE_PORT else ""
             where = f"{target} (open it with: rerun --connect {target}{taken})"

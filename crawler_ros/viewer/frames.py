@@ -59,7 +59,7 @@ class Frame:
     def unpack(data: bytes, scene: Plan) -> Frame:
         """Decode the bytes of `pack`."""
         ns, count = _HEAD.unpack_from(data)
-        cuts = np.cumsum(frame_sizes(scene))
+        cuts = np.cumsum(_frame_sizes(scene))
         x, tension, state, forward, backward, row, yields = np.split(
             np.frombuffer(data, "<f8", int(cuts[-1]), _HEAD.size), cuts[:-1]
         )
@@ -89,7 +89,7 @@ def read_frames(source: BinaryIO, scene: Plan) -> Iterator[Frame]:
     Yields:
         The frames.
     """
-    numbers = 8 * sum(frame_sizes(scene))
+    numbers = 8 * sum(_frame_sizes(scene))
     while len(head := source.read(_HEAD.size)) == _HEAD.size:
         size = numbers + _HEAD.unpack(head)[1] * _JUMP.size
         rest = source.read(size)
@@ -97,15 +97,8 @@ def read_frames(source: BinaryIO, scene: Plan) -> Iterator[Frame]:
             yield Frame.unpack(head + rest, scene)
 
 
-def frame_sizes(scene: Plan) -> list[int]:
-    """Count the numbers of a frame.
-
-    Args:
-        scene: the scene.
-
-    Returns:
-        Entries of displacement, tension, state, forward, backward, the command row and yields.
-    """
+def _frame_sizes(scene: Plan) -> list[int]:
+    """Count the entries of displacement, tension, state, forward, backward, the command row and yields."""
     body = scene.body
     stations, joints = body.stations.size, body.joints.shape[0]
     friction = stations if has_stasis_bounds(body) else 0

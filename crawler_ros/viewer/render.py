@@ -61,23 +61,14 @@ def draw_instant(scene: Scene, frames: Sequence[Frame], png: Path, at_s: float |
     film = film_of_frames(scene, frames)
     start, end = float(film.time[0]), float(film.time[-1])
     shown = end if at_s is None else at_s
-    check_instant(shown, start, end)
+    _check_instant(shown, start, end)
     times = np.unique(np.append(np.linspace(start, end, min(film.time.size, _MOST_SAMPLES)), shown))
     picture = Stage(film.sample(times), 1920, 1080).draw(int(np.searchsorted(times, shown)))
     Image.fromarray(picture).save(png)
 
 
-def check_instant(at_s: float, start: float, end: float) -> None:
-    """Check that a time is in a recording.
-
-    Args:
-        at_s: the time [s].
-        start: of the recording [s].
-        end: of the recording [s].
-
-    Raises:
-        PictureError: when it is not.
-    """
+def _check_instant(at_s: float, start: float, end: float) -> None:
+    """Check that a time is in a recording, all in s."""
     if not start <= at_s <= end:
         raise PictureError(f"--at: {at_s:g} s; the recording goes from {start:g} to {end:g} s")
 
@@ -183,7 +174,7 @@ def _shoot(viewer: _Viewer, folder: Path, at_s: float | None) -> None:
     start, end = viewer.wait("the viewer shows no recording with simulated time", range_ns)
     ns = end if at_s is None else round(at_s * NS)
     if at_s is not None:
-        check_instant(at_s, start / NS, end / NS)
+        _check_instant(at_s, start / NS, end / NS)
 
     def stands() -> bool | None:
         recording = viewer.shown()

@@ -105,16 +105,8 @@ class Drawing:
         self.stream.disconnect()
 
 
-def find_extent(scene: Scene, frames: Sequence[Frame]) -> Extent | None:
-    """Find the positions between which a body in the plane moves.
-
-    Args:
-        scene: the scene.
-        frames: its frames.
-
-    Returns:
-        The smallest and the largest positions, each shape (2,) [m]; None on a line, or without frames.
-    """
+def _find_extent(scene: Scene, frames: Sequence[Frame]) -> Extent | None:
+    """Find the least and largest positions of a body, each (2,) [m]; None on a line, or without frames."""
     if scene.body.dimension == 1 or not frames:
         return None
     rest = scene.body.position[scene.body.stations]
@@ -188,7 +180,7 @@ def draw_frames(scene: Scene, frames: Iterable[Frame], rrd: Path) -> int:
     """
     shown = list(thin(frames))
     rows = np.array([frame.row for frame in shown]) if shown else None
-    drawing = Drawing(scene, to_file(rrd), find_extent(scene, shown), rows)
+    drawing = Drawing(scene, to_file(rrd), _find_extent(scene, shown), rows)
     for frame in shown:
         drawing.draw(frame)
     drawing.close()

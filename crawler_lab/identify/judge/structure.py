@@ -212,11 +212,7 @@ def _find_null_space(jacobian: np.ndarray, error: float) -> np.ndarray:
 
 
 def _effective_jacobian(problem: Problem, jacobian: np.ndarray, start_known: bool = False) -> np.ndarray:
-    """Remove from the derivatives what the unknown numbers of sensors and starts imitate, as far as priors allow.
-
-    Of the derivatives of whitened residuals and priors, shape (R, U), those with respect to the coordinates of the
-    parameters are left, shape (R, P).
-    """
+    """Remove from (R, U) what unknown numbers of sensors and starts imitate; return the parameters' part, (R, P)."""
     count = problem.space.origin.size
     known = len(problem.sensor.unknown) if start_known else len(problem.names)
     places = [at for i in range(len(problem.replicas)) for at in problem.places(i)[:known]]

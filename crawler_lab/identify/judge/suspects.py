@@ -74,17 +74,8 @@ class Trial(NamedTuple):
     """Whether the number multiplies all that is measured, with its noise."""
 
 
-def list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence[str]) -> Iterator[Trial]:
-    """List all suspects; to add one, add a trial here.
-
-    Args:
-        scene: the scene.
-        recordings: the recordings.
-        keys: of the parameters that are fitted.
-
-    Yields:
-        The trials; `{}` in `what` stands for the number.
-    """
+def _list_trials(scene: Scene, recordings: Sequence[Measurements], keys: Sequence[str]) -> Iterator[Trial]:
+    """List all suspects, with `{}` in `what` for the number; to add one, add a trial here."""
     first = recordings[0]
     lengths = [n for n in first.command_names if n in scene.columns.names[: scene.columns.lengths]]
     links, contacts = _list_parts(lengths), _list_parts(np.array(first.channels)[first.on_ground].tolist())
@@ -154,7 +145,7 @@ def try_suspects(scene: Scene, problem: Problem, fit: Fit, misfits: Sequence[Mis
         except (CrawlerError, np.linalg.LinAlgError):
             return np.inf, amount
 
-    for trial in list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
+    for trial in _list_trials(scene, recordings, problem.space.names) if np.isfinite(base) else ():
         if any(map(explains, found)):
             break
         if problem.work.done > until:

@@ -50,13 +50,7 @@ _PHASES = (
 
 @dataclass(frozen=True)
 class _Listing:
-    """A table as text.
-
-    Attributes:
-        title: above it.
-        heads: of its columns.
-        rows: its cells.
-    """
+    """A table as text: its title, the heads of its columns, and its cells."""
 
     title: str
     heads: tuple[str, ...]

@@ -112,22 +112,11 @@ def compare_all(
         return analyse(paths[k], scene, namespace, progress=lambda part: report((k + part) / count))
 
     one = read(0)
-    return [compare_runs(one, read(k)) for k in range(1, count)]
+    return [_compare_runs(one, read(k)) for k in range(1, count)]
 
 
-def compare_runs(one: Replay, two: Replay) -> RunComparison:
-    """Compare two analysed recordings.
-
-    Args:
-        one: the first.
-        two: the second.
-
-    Returns:
-        The comparison.
-
-    Raises:
-        BagError: when their contacts differ.
-    """
+def _compare_runs(one: Replay, two: Replay) -> RunComparison:
+    """Compare two analysed recordings of the same contacts."""
     if one.stations != two.stations:
         raise BagError(
             f"{one.path} has the contacts {', '.join(one.stations[:6])} and {two.path} {', '.join(two.stations[:6])}: "

@@ -41,10 +41,7 @@ _FOUND: dict[str, list[tuple[str, Any, str]]] = {
 
 
 def _schema(table: str, planar: bool, turns: bool = False) -> pa.Schema:
-    """Build the schema of a table: name, type, unit.
-
-    In the plane lengths and forces have a column per axis, except for links of a body that turns.
-    """
+    """Build the schema of a table; in the plane lengths and forces have a column per axis, but not links that turn."""
     at = [("run", pa.int32(), "1"), ("time", pa.float64(), "s")]
 
     def each(name: str, unit: str) -> list[tuple[str, Any, str]]:
