@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.table import Table
 
 from crawler_command.pages import takes_page
 from crawler_command.screen import PICTURES, ForceOption, SceneArgument, check_output, screen, whole_file
-
-if TYPE_CHECKING:
-    from ...identify.forecast.predict import Forecast
 
 
 @takes_page
@@ -58,17 +55,7 @@ def predict_command(
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
         return
-    screen.print(_tabulate_forecast(found))
-    for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
-        screen.print(line)
-    if found.inertia is not None:
-        screen.print(found.inertia.describe(found.scene.body))
-    if png is not None:
-        screen.print(f"picture: {png}")
-
-
-def _tabulate_forecast(found: Forecast) -> Table:
-    """Build the table of predicted numbers, with a row for each."""
+    # build the table of predicted numbers, with a row for each
     table = Table(title=f"{found.scene.name}: prediction", title_justify="left")
     for name in ("", "value", "95 % band", "unit"):
         table.add_column(name)
@@ -78,4 +65,10 @@ def _tabulate_forecast(found: Forecast) -> Table:
         rows += [(f"gain {run}", found.run_gain, "m"), (f"energy {run}", found.run_energy, "J")]
     for name, band, unit in rows:
         table.add_row(name, f"{band.value:.6g}", f"{band.low:.6g} .. {band.high:.6g}", unit)
-    return table
+    screen.print(table)
+    for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
+        screen.print(line)
+    if found.inertia is not None:
+        screen.print(found.inertia.describe(found.scene.body))
+    if png is not None:
+        screen.print(f"picture: {png}")
