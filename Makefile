@@ -28,7 +28,9 @@ demo: $(READY_DEMO)
 WORKERS ?= $(shell n=$$((2 * $$(nproc))); echo $$((n < 6 ? n : 6)))
 PYTEST := $(BIN)/python -m pytest -n $(WORKERS)
 
+# Workers that compile wait for each other's kernels; `crawler warm` divides them among the cores.
 test: $(VENV)/.collected
+	$(BIN)/crawler warm
 	$(PYTEST) -m "not slow"
 
 # once for each environment: all workers at once would compile the bytecode of the tests and of all that they import
