@@ -20,7 +20,7 @@ from typing import Any
 
 from crawler_model.body.names import name_each
 from crawler_ros.node.life.stop import StopFlag
-from crawler_ros.node.stepper import Stepper
+from crawler_ros.node.tick_clock import TickClock
 from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.messages import lay_out_joint_state
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
@@ -115,16 +115,16 @@ def _spin(name: str, open_topics: Callable[[Any, StopFlag], None]) -> None:
 
 def keep_rate(rate: float, seconds: float) -> None:
     """Run an empty loop at a rate, timed like the simulator; print the number of late ticks."""
-    stepper = Stepper(Fraction(rate))
-    while stepper.tick < seconds * rate:
-        wait = stepper.wait_ns(time.monotonic_ns())
+    tick_clock = TickClock(Fraction(rate))
+    while tick_clock.tick < seconds * rate:
+        wait = tick_clock.wait_ns(time.monotonic_ns())
         assert wait is not None
         if wait > 0:
             time.sleep(wait / NS)
         else:
-            stepper.begin(time.monotonic_ns())
-            stepper.finish()
-    print(stepper.late)
+            tick_clock.begin(time.monotonic_ns())
+            tick_clock.finish()
+    print(tick_clock.late)
 
 
 if __name__ == "__main__":

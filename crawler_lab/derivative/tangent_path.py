@@ -10,7 +10,7 @@ import numpy as np
 from crawler_model.body.body import Body
 from crawler_model.body.drive import NS, Drive
 from crawler_model.body.plan import Plan
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.errors import CommandError
 from crawler_model.motion.account import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.motion.follow import build_motion

@@ -11,7 +11,7 @@ import numpy as np
 
 from crawler_model import CommandError, Crawler, Scene
 from crawler_model.body.plan import Plan
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.crawler.readout import Readout
 from crawler_model.motion.line.motion import LineMotion, LineState
 from crawler_model.run.ticks import tick_end_ns

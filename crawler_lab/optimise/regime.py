@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.body.body import Body
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.motion.account import OVERSPENT, UNSOLVED, WORK, empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import FROM, HEADER, RAMP, UNTIL, follow_pieces

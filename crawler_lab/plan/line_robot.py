@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.errors import CommandError
 from crawler_model.motion.account import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.motion.follow import build_motion

@@ -14,7 +14,7 @@ import numpy as np
 
 from crawler_model.body.turning import SIDES, forward_angles, load_of_friction, measure_angles, wrap
 from crawler_model.body.turning_tree import TurningTree
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.motion.account import empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.scene.scene import Scene

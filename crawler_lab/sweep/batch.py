@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.body.drive import NS, Drive
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.motion.account import empty_account
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.margin import visited_margins

@@ -15,8 +15,9 @@ from ..errors import CommandError
 from ..motion.account import ACCOUNT_SIZE, empty_account
 from ..motion.follow import State, build_motion
 from ..notebook import write_html, write_numbers
+from .budget import default_budget
 from .command import write_command
-from .method import Method, choose_method, default_budget
+from .method import Method, choose_method
 from .step import Step
 
 _SHOWN = {"net_translation": "m", "displacement": "m", "contact_state": "1", "tension": "N", "margins": "N"}

@@ -1,28 +1,15 @@
-"""The methods by which ramps are followed, and how much work one may take."""
+"""The methods by which ramps are followed."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from ..body.body import Body
 from ..body.plan import Plan
 from ..errors import CommandError
 from ..motion.follow import build_motion
 
 Method = Literal["exact", "catch_up"]
 METHODS: tuple[Method, ...] = ("exact", "catch_up")
-
-
-def default_budget(body: Body) -> int:
-    """Compute the upper limit of work in one ramp unless another one is given, see `Crawler`.
-
-    Args:
-        body: the body.
-
-    Returns:
-        The limit.
-    """
-    return 200_000 * (body.contacts + 100) if body.dimension == 2 else 10_000 * (body.contacts + 1000)
 
 
 def choose_method(scene: Plan, method: str | None) -> Method:

@@ -17,7 +17,7 @@ import numpy as np
 from ..body.body import Body
 from ..body.drive import NS
 from ..body.plan import Plan
-from ..crawler.method import default_budget
+from ..crawler.budget import default_budget
 from ..motion.account import empty_account
 from ..motion.follow import build_motion
 from ..motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces

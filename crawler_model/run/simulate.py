@@ -20,7 +20,7 @@ from .inertia import Inertia, start_meter
 from .screw import follow_turning, gain_in_frame
 from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
-from .walls import find_pushes
+from .wall_pushes import find_pushes
 
 _CHUNK = 4096
 _MOST_SAMPLES = 100_000_000

@@ -19,7 +19,7 @@ from .arrow import Tabular, load_library
 from .inertia import Inertia
 from .screw import Screw, find_screw
 from .table import ENERGIES, TrajectoryColumns
-from .walls import WallPush
+from .wall_pushes import WallPush
 
 _NUMBERS, _FEWEST_ROWS = 4_000_000, 128
 """Numbers in a batch, and rows in a batch of a wide table: each batch of a file describes all columns again."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import frozen, join, refuse, spread
 from ..body.body import Body
-from ..body.build import Interval, build_body, check_span
+from ..body.build_body import Interval, build_body, check_span
 from ..body.columns import Columns
 from ..body.directions import unit_directions
 from ..body.ground import Ground

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import frozen, spread
 from ..body.body import Body
-from ..body.build import check_connected
+from ..body.build_body import check_connected
 from ..body.turning import SIDES, Turning, check_sides, forward_angles, load_of_friction
 from ..errors import SceneError
 from ..rounding import EPS

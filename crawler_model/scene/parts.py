@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 
 from ..arrays import spread
-from ..body.build import touch
+from ..body.build_body import touch
 from .friction_parts import (
     CouplingPart,
     Deep,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the gait player needs none of the simulator's kernels
     from ..viewer.feed import ViewerFeed
     from .intake.commands import CommandQueue
     from .intake.intake import Intake
-    from .stepper import Stepper
+    from .tick_clock import TickClock
     from .ticks import Ticks
 
 OK, WARN, ERROR = 0, 1, 2
@@ -67,7 +67,7 @@ class Diagnosed(Protocol):
     regularity: Regularity
     scene: Plan
     states: list[str]
-    stepper: Stepper
+    tick_clock: TickClock
     ticks: Ticks
 
     def get_fully_qualified_name(self) -> str:
@@ -160,19 +160,19 @@ def _pace(node: Diagnosed) -> list[tuple[Fact, str]]:
         return []
     wall_ns = time.monotonic_ns()
     return [
-        (Fact.FACTOR, f"{node.stepper.achieved_factor(wall_ns):.6f}"),
-        (Fact.LAG, f"{node.stepper.lag_ns(wall_ns) / NS:.6f}"),
+        (Fact.FACTOR, f"{node.tick_clock.achieved_factor(wall_ns):.6f}"),
+        (Fact.LAG, f"{node.tick_clock.lag_ns(wall_ns) / NS:.6f}"),
     ]
 
 
-def _late_times(stepper: Stepper) -> list[tuple[Fact, str]]:
+def _late_times(tick_clock: TickClock) -> list[tuple[Fact, str]]:
     """Write when ticks were late, and the worst delay."""
-    if stepper.late == 0:
+    if tick_clock.late == 0:
         return []
     return [
-        (Fact.FIRST_LATE, f"{stepper.first_late_ns / NS:.9f}"),
-        (Fact.WORST_LATE, f"{stepper.worst_late_ns / NS:.9f}"),
-        (Fact.WORST_DELAY, f"{stepper.worst_delay_ns / NS:.9f}"),
+        (Fact.FIRST_LATE, f"{tick_clock.first_late_ns / NS:.9f}"),
+        (Fact.WORST_LATE, f"{tick_clock.worst_late_ns / NS:.9f}"),
+        (Fact.WORST_DELAY, f"{tick_clock.worst_delay_ns / NS:.9f}"),
     ]
 
 
@@ -185,7 +185,7 @@ def _reasons(intake: Intake) -> Entries:
 
 
 def _simulation(node: Diagnosed, rival: str) -> Part:
-    late, counts = node.stepper.late, node.ticks.counts
+    late, counts = node.tick_clock.late, node.ticks.counts
     level, message = OK, "waiting for commands" if node.lock_step and node.commands.is_idle else "ticking"
     before = node.reported
     node.reported = TickCounts(counts.ambiguous, counts.overspent, counts.unsolved, late, counts.jumps)
@@ -213,11 +213,11 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
         level,
         message,
         [
-            (Fact.SIMULATED_TIME, f"{node.stepper.now_ns / NS:.9f}"),
-            (Fact.TICKS, str(node.stepper.tick)),
+            (Fact.SIMULATED_TIME, f"{node.tick_clock.now_ns / NS:.9f}"),
+            (Fact.TICKS, str(node.tick_clock.tick)),
             (Fact.LATE_TICKS, str(late)),
             *_pace(node),
-            *_late_times(node.stepper),
+            *_late_times(node.tick_clock),
             (Fact.LEAST_FRICTION, f"{node.regularity.least:.3e} ({node.regularity.where})"),
             (Fact.MARGIN, "not decided" if node.margin is None else f"{node.margin:.3e}"),
             (Fact.VISITED_MARGIN, f"{node.ticks.crawler.visited_margin:.3e}"),

@@ -56,7 +56,7 @@ class SimulationServices:
 
     @property
     def _present(self) -> int:
-        if not self._simulator.stepper.paused:
+        if not self._simulator.tick_clock.paused:
             return int(self._state.STATE_PLAYING)
         return int(self._state.STATE_STOPPED if self._stopped else self._state.STATE_PAUSED)
 
@@ -88,7 +88,7 @@ class SimulationServices:
         return self._answer(response)
 
     def _step(self, request: Any, response: Any) -> Any:
-        if not self._simulator.stepper.paused:
+        if not self._simulator.tick_clock.paused:
             text = "it is not paused: set STATE_PAUSED first"
             return self._answer(response, self._result.RESULT_INCORRECT_STATE, text)
         self._stopped = False

@@ -36,7 +36,7 @@ from .outgoing import Outgoing, Outlet
 from .parameters import declare_parameters, expand_home, read_parameters, warn_of_unused_qos
 from .server import Server
 from .simulation_services import open_simulation_services
-from .stepper import Stepper
+from .tick_clock import TickClock
 from .ticks import Ticks, compile_ticks
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Simulator(QuietNode):
         prepare(self.scene)
         method = str(self.values["method"])
         crawler = Crawler(self.scene, None if method == "auto" else method)  # type: ignore[arg-type]
-        self.stepper = Stepper(rate, self.values["real_time_factor"], catches_up, self.values["duration"])
+        self.tick_clock = TickClock(rate, self.values["real_time_factor"], catches_up, self.values["duration"])
         self.columns = self.scene.columns
         self.lock_step = bool(self.values["lock_step"])
         limits = command_limits(self.scene, self.values["limit.length"], self.values["limit.friction"])
@@ -109,7 +109,7 @@ class Simulator(QuietNode):
         self.ticks = Ticks(
             self.scene,
             crawler,
-            self.stepper,
+            self.tick_clock,
             self.commands,
             self.intake,
             self.outgoing,
@@ -169,7 +169,7 @@ class Simulator(QuietNode):
     def reset(self) -> None:
         """Return to the start of the scene and to simulated time 0."""
         with self.lock:
-            self.stepper.reset(time.monotonic_ns())
+            self.tick_clock.reset(time.monotonic_ns())
             self.reported = TickCounts(late=self.reported.late)
             self.reported_commands = self.reported_commands._replace(ticks=0)
             self.ticks.reset()
@@ -181,7 +181,7 @@ class Simulator(QuietNode):
             paused: whether to pause.
         """
         with self.lock:
-            self.stepper.pause(paused, time.monotonic_ns())
+            self.tick_clock.pause(paused, time.monotonic_ns())
 
     def step(self) -> bool:
         """Run one tick while paused.
@@ -190,9 +190,9 @@ class Simulator(QuietNode):
             Whether it was paused.
         """
         with self.lock:
-            if self.stepper.paused:
+            if self.tick_clock.paused:
                 self.ticks.run(shown=True)
-            return self.stepper.paused
+            return self.tick_clock.paused
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.reset()
@@ -201,7 +201,7 @@ class Simulator(QuietNode):
 
     def _on_step(self, _: Any, response: Any) -> Any:
         response.success = self.step()
-        text = f"at simulated time {self.stepper.now_ns / NS:.9f} s"
+        text = f"at simulated time {self.tick_clock.now_ns / NS:.9f} s"
         response.message = text if response.success else "not paused: call ~/pause with data true first"
         return response
 
@@ -220,7 +220,7 @@ class Simulator(QuietNode):
                 except CommandError as error:
                     return SetParametersResult(successful=False, reason=str(error))
                 with self.lock:
-                    self.stepper.real_time_factor = float(change.value)
+                    self.tick_clock.real_time_factor = float(change.value)
             if change.name == "actuators.frozen":
                 try:
                     with self.lock:
@@ -248,7 +248,7 @@ class Simulator(QuietNode):
             self.ticks.send_start()
         self._server.start(executor)  # in lock-step, a command that is served runs a tick: only after the start is sent
         try:
-            while not (self.stopping.is_set() or self.stepper.is_over):
+            while not (self.stopping.is_set() or self.tick_clock.is_over):
                 wall_ns = time.monotonic_ns()
                 with self.lock:
                     wait = self._wait_ns(wall_ns)
@@ -263,25 +263,25 @@ class Simulator(QuietNode):
                 self._report(wall_ns)
         finally:
             self.stopping.set()
-            self.stepper.end_stretch(time.monotonic_ns())
+            self.tick_clock.end_stretch(time.monotonic_ns())
             self._server.join()
             self.close()
 
     def _wait_ns(self, wall_ns: int) -> int | None:
         """Compute the time to the next tick [ns]: 0 when it is due; None while paused or waiting for a command."""
         if self.lock_step:
-            return None if self.stepper.paused or self.commands.is_idle else 0
-        return self.stepper.wait_ns(wall_ns)
+            return None if self.tick_clock.paused or self.commands.is_idle else 0
+        return self.tick_clock.wait_ns(wall_ns)
 
     def _wait_for_commands(self) -> None:
         """Wait a little, in lock-step for a command; before the first one, send the state to new subscribers."""
-        if self.stepper.paused or not self.lock_step:
+        if self.tick_clock.paused or not self.lock_step:
             time.sleep(0.01)
             return
         self._arrived.wait(0.01)
         self._arrived.clear()
         with self.lock:
-            if self.stepper.tick == 0 and self.commands.is_idle:
+            if self.tick_clock.tick == 0 and self.commands.is_idle:
                 self.outgoing.resend()
                 if self._measured is not None:
                     self._measured.resend()
@@ -296,7 +296,7 @@ class Simulator(QuietNode):
         behind = self.recorder is not None and self.recorder.is_behind
         if not behind and self.lock.acquire(blocking=False):
             try:
-                if not (self.stepper.rests or self.commands.is_running or self.commands.is_idle):
+                if not (self.tick_clock.rests or self.commands.is_running or self.commands.is_idle):
                     self.ticks.run()
                     self._server.expect_reply()
             finally:
@@ -313,12 +313,12 @@ class Simulator(QuietNode):
 
     def _run_ticks(self) -> None:
         """Run a tick that is due, or many at once if no clock sets a pace."""
-        if self.stepper.rests:
+        if self.tick_clock.rests:
             return
-        if self.lock_step or self.stepper.real_time_factor == 0.0:
+        if self.lock_step or self.tick_clock.real_time_factor == 0.0:
             self.ticks.run_ahead()
         else:
-            self.stepper.begin(time.monotonic_ns())
+            self.tick_clock.begin(time.monotonic_ns())
             self.ticks.run()
 
     # -- reports ----------------------------------------------------------------------------------------------------
@@ -336,10 +336,10 @@ class Simulator(QuietNode):
 
     def _warn_of_lag(self, wall_ns: int) -> None:
         """Log the lag of simulated time when it exceeds a tenth of a second, and each time that it has doubled."""
-        lag_ns = self.stepper.lag_ns(wall_ns)
+        lag_ns = self.tick_clock.lag_ns(wall_ns)
         if lag_ns > max(2 * self._logged_lag_ns, NS // 10) and not self.lock_step:
             self._logged_lag_ns = lag_ns
-            self.throttle.warn("lag", self.stepper.describe_lag(wall_ns))
+            self.throttle.warn("lag", self.tick_clock.describe_lag(wall_ns))
 
     def _warn_of_silence(self, wall_ns: int) -> None:
         """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt."""
@@ -367,7 +367,7 @@ class Simulator(QuietNode):
         refused = self.intake.refusals.total
         more = f"; {refused} message(s) were refused" if refused else ""
         more = more if self.intake.received else "; no command was received"
-        self.get_logger().info(f"stopped after {self.stepper.describe(wall_ns)}{more}")
+        self.get_logger().info(f"stopped after {self.tick_clock.describe(wall_ns)}{more}")
         self.leave()
 
 

@@ -30,7 +30,7 @@ from .intake.intake import Intake
 from .kernels import sum_accounts
 from .measured import MeasuredTopics
 from .outgoing import Outgoing
-from .stepper import Stepper
+from .tick_clock import TickClock
 
 if TYPE_CHECKING:
     from ..viewer.feed import ViewerFeed
@@ -48,7 +48,7 @@ class Ticks:
         self,
         scene: Scene,
         crawler: Crawler,
-        stepper: Stepper,
+        tick_clock: TickClock,
         commands: CommandQueue,
         intake: Intake,
         outgoing: Outgoing,
@@ -62,7 +62,7 @@ class Ticks:
         Args:
             scene: the scene that runs.
             crawler: the crawler at its start.
-            stepper: the times of the ticks.
+            tick_clock: the times of the ticks.
             commands: the commands that wait.
             intake: what received them, which logs what is wrong with them.
             outgoing: the messages of ticks.
@@ -72,7 +72,7 @@ class Ticks:
             measured: the messages of the sensors, if there are any.
         """
         self.crawler, self.start = crawler, crawler.copy()
-        self._stepper, self._commands, self._intake, self._outgoing = stepper, commands, intake, outgoing
+        self._clock, self._commands, self._intake, self._outgoing = tick_clock, commands, intake, outgoing
         self._feed, self._every, self._actuators, self._measured = feed, every, actuators, measured
         self._scene, self._columns = scene, scene.columns
         self._count_anew()
@@ -112,9 +112,9 @@ class Ticks:
 
     def run_ahead(self) -> None:
         """Run as many ticks as take `_CALL_NS`, or fewer where commands wait."""
-        used, before = time.thread_time_ns(), self._stepper.tick
+        used, before = time.thread_time_ns(), self._clock.tick
         self.run(self._ahead)
-        used, count = time.thread_time_ns() - used, self._stepper.tick - before
+        used, count = time.thread_time_ns() - used, self._clock.tick - before
         self._ahead = max(1, min(self.most, 2 * self._ahead, 1 + count * _CALL_NS // max(used, 1)))
 
     def run(self, most: int = 1, shown: bool = False) -> None:
@@ -124,15 +124,15 @@ class Ticks:
             most: the largest number of ticks.
             shown: whether to send the states even where they are not due.
         """
-        began_ns, tick, in_force = time.monotonic_ns(), self._stepper.tick, self._commands.in_force
-        taken = self._commands.take_vertices(self._stepper.times_ns(min(most, self.most)))
+        began_ns, tick, in_force = time.monotonic_ns(), self._clock.tick, self._commands.in_force
+        taken = self._commands.take_vertices(self._clock.times_ns(min(most, self.most)))
         if not self._actuators.are_ideal:
             in_force, taken = self._actuators.row, self._actuators.move(taken)
         always = self._always[: taken.first.size - 1]
         sent = always if self._every == 1 else (np.arange(tick + 1, tick + 1 + always.size) % self._every == 0)
         if shown or taken.ended >= 0:
             sent[taken.ended] = True
-        if self._stepper.ends_at(int(taken.times_ns[-1])):
+        if self._clock.ends_at(int(taken.times_ns[-1])):
             sent[-1] = True
         read = sent if self.yields is None and self._measured is None else always
         x: list[np.ndarray] = []
@@ -148,8 +148,8 @@ class Ticks:
         if self._measured is not None:
             encoder = self._outgoing.encoder
             self._measured.send(taken.times_ns[1:], encoder.joints[: sent.size], encoder.poses[: sent.size])
-        self._intake.warn_of_overdue(self._stepper.now_ns)
-        self._stepper.finish(sent.size)
+        self._intake.warn_of_overdue(self._clock.now_ns)
+        self._clock.finish(sent.size)
         if self._feed is not None:
             start_ns, end_ns = taken.times_ns.tolist()
             dues = np.maximum(taken.due_ns, start_ns).tolist()

@@ -32,7 +32,7 @@ from crawler_ros.node import simulator
 faulthandler.dump_traceback_later(50, exit=True)
 rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
 node = simulator.Simulator()
-node.stepper.pause(True, 0)
+node.tick_clock.pause(True, 0)
 for instructions in range(10_000):
     left = instructions
     node.stopping = simulator.StopFlag()

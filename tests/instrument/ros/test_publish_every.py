@@ -203,7 +203,7 @@ def record(folder, at_once, lock_step, scene, every, more):
                 node.ticks.crawler.row.tobytes(),
                 node.ticks.certificates.judge(),
                 node.ticks.counts,
-                node.stepper.tick,
+                node.tick_clock.tick,
             )
             node.close()
         finally:
@@ -226,8 +226,8 @@ def drive(node, at_once):
         node.commands.accept_trajectory(names, times, rows, 0)
         if rng.random() < 0.5:
             node.commands.accept_actuation([rest[k] + 0.1 * rng.random() for k in range(len(names))])
-        end, most = node.stepper.tick + rng.randint(100, 200), rng.randint(1, 64)
-        while node.stepper.tick < end and not (node.lock_step and node.commands.is_idle):
-            node.ticks.run(min(most, end - node.stepper.tick) if at_once else 1)
-        node._push_recording(node.stepper.tick * 10**9)
+        end, most = node.tick_clock.tick + rng.randint(100, 200), rng.randint(1, 64)
+        while node.tick_clock.tick < end and not (node.lock_step and node.commands.is_idle):
+            node.ticks.run(min(most, end - node.tick_clock.tick) if at_once else 1)
+        node._push_recording(node.tick_clock.tick * 10**9)
     assert np.isfinite(node.ticks.crawler.displacement).all()

@@ -151,8 +151,8 @@ def test_ticks_at_once_count_the_times_of_single_ones(tmp_path, name, every):
                 low = node.scene.drive.actuation.min() - node.scene.drive.actuation.max()
                 rows = [[sign * low] * len(names) for sign in (1.0, 0.0, -1.0, 0.0)]
                 node.commands.accept_trajectory(names, [10**8, 3 * 10**8, 4 * 10**8, 6 * 10**8], rows, 0)
-                while node.stepper.tick < 1000:
-                    node.ticks.run(min(64, 1000 - node.stepper.tick) if at_once else 1)
+                while node.tick_clock.tick < 1000:
+                    node.ticks.run(min(64, 1000 - node.tick_clock.tick) if at_once else 1)
                 reports.append((node.ticks.yields.report(), node.ticks.crawler._state.bits()))
                 assert node.ticks.yields.report()[0] == "within the limits of tension"
                 node.close()

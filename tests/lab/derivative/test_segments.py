@@ -11,7 +11,7 @@ from crawler_lab import sensitivities, vary
 from crawler_lab.derivative.parameters import differentiate_arrays
 from crawler_lab.derivative.tangent_path import Stretch, TangentPath, build_vertices
 from crawler_model import Scene, load_scene, simulate
-from crawler_model.crawler.method import default_budget
+from crawler_model.crawler.budget import default_budget
 from crawler_model.motion.account import ACCOUNT_SIZE
 from crawler_model.motion.follow import build_motion
 from crawler_model.motion.pieces import follow_pieces

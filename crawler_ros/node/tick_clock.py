@@ -17,7 +17,7 @@ MOST_CAUGHT_UP_NS = NS
 """Lag that ticks without a pause catch up; what exceeds it stays, or an overloaded simulator would never pause."""
 
 
-class Stepper:
+class TickClock:
     """Counts ticks and computes when the next one is due.
 
     A tick that starts later than a period after its deadline is counted late. None is ever skipped. Simulated time
