@@ -11,10 +11,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from crawler_model import CrawlerError, Scene, __version__
+from crawler_model import CrawlerError, __version__
 from crawler_ros.node.life.exit import STOPPED, replace_unprintable
 
 from .cite import cite
@@ -87,17 +86,12 @@ def check(
     """Validate a scene; print its stasis domain, directions of motion, margins and contacts that never slide."""
     from crawler_model import load_scene
 
-    from .check import choose_rate, print_report, summarise
+    from .check import choose_rate, print_report, summarise, with_mass
 
     check_output("--png", png, PICTURES, force)
     loaded = load_scene(scene)
     if mass is not None:
-        # give all contacts of a scene a mass, in segments per length
-        if not 0.0 <= mass < np.inf:
-            raise CrawlerError(f"--mass: {mass:g} kg; it must be a finite number >= 0")
-        document = loaded.document()
-        document["body"]["masses"] = mass
-        loaded = Scene.model_validate(document)
+        loaded = with_mass(loaded, mass)
     run = run_scene(loaded, None if not loaded.drive.holds else 0.0, choose_rate(loaded), None)
     if png is not None:
         from crawler_pictures.domain import draw_domain

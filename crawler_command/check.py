@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from crawler_model import Scene, Trajectory
+from crawler_model import CrawlerError, Scene, Trajectory
 from crawler_model.body.body import Body
 from crawler_model.body.names import name_every_spring
 from crawler_model.body.plan import Plan
@@ -52,6 +52,26 @@ def choose_rate(scene: Scene) -> float:
     rates = [RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if RATE * factor <= most]
     met = [rate for rate in rates if np.abs(times * rate - np.rint(times * rate)).max() < 1e-6]
     return (met or rates[-1:] or [RATE])[0]
+
+
+def with_mass(scene: Scene, mass: float) -> Scene:
+    """Give all contacts of a scene a mass, in segments per length.
+
+    Args:
+        scene: the scene.
+        mass: of each isolated contact [kg], of segments [kg/m].
+
+    Returns:
+        The scene with these masses.
+
+    Raises:
+        CrawlerError: if the mass is negative or not finite.
+    """
+    if not 0.0 <= mass < np.inf:
+        raise CrawlerError(f"--mass: {mass:g} kg; it must be a finite number >= 0")
+    document = scene.document()
+    document["body"]["masses"] = mass
+    return Scene.model_validate(document)
 
 
 def print_report(run: Trajectory, screen: Console) -> None:

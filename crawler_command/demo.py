@@ -98,7 +98,31 @@ def run_demo(out: Path, progress: ShowProgress) -> list[str]:
     progress(0.85, "drawing the page")
     scene, frames = frames_of_recording(recording)
     draw_run(run_of_frames(scene, list(thin(frames))), png)
-    seconds = time.monotonic() - began
+    return _summary(recording, rrd, png, time.monotonic() - began)
+
+
+def _watch(simulator: Process, player: Process, progress: ShowProgress) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while player.process.poll() is None:
+        if simulator.process.poll() is not None:
+            raise DemoError(f"the simulator ended early: {simulator.last_line()}")
+        if time.monotonic() > deadline:
+            raise DemoError(
+                f"not finished within {PATIENCE_S:g} s; last line of the simulator: {simulator.last_line()}"
+            )
+        for process in (simulator, player):
+            for line in process.new_lines():
+                done = re.search(r"period (\d+) of (\d+)", line)
+                if done:
+                    progress(0.1 + 0.6 * int(done[1]) / int(done[2]), f"walking: period {done[1]} of {done[2]}")
+                elif "compiling" in line:
+                    print(line, file=sys.stderr)
+        time.sleep(0.05)
+    if player.process.returncode != 0:
+        raise DemoError(f"the gait player failed: {player.last_line()}")
+
+
+def _summary(recording: Path, rrd: Path, png: Path, seconds: float) -> list[str]:
     gains, messages, factor = measure(recording)
     steady = gains[1:]
     exact = closed_form(load_scene(SCENE))
@@ -123,27 +147,6 @@ def run_demo(out: Path, progress: ShowProgress) -> list[str]:
         f"  {command} simulate two_anchor_a    only the model, without ROS",
         f"  {command} view {rrd}    the run in rerun, where there is a display",
     ]
-
-
-def _watch(simulator: Process, player: Process, progress: ShowProgress) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while player.process.poll() is None:
-        if simulator.process.poll() is not None:
-            raise DemoError(f"the simulator ended early: {simulator.last_line()}")
-        if time.monotonic() > deadline:
-            raise DemoError(
-                f"not finished within {PATIENCE_S:g} s; last line of the simulator: {simulator.last_line()}"
-            )
-        for process in (simulator, player):
-            for line in process.new_lines():
-                done = re.search(r"period (\d+) of (\d+)", line)
-                if done:
-                    progress(0.1 + 0.6 * int(done[1]) / int(done[2]), f"walking: period {done[1]} of {done[2]}")
-                elif "compiling" in line:
-                    print(line, file=sys.stderr)
-        time.sleep(0.05)
-    if player.process.returncode != 0:
-        raise DemoError(f"the gait player failed: {player.last_line()}")
 
 
 def measure(recording: Path) -> tuple[np.ndarray, int, float]:

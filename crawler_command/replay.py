@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +30,7 @@ from .screen import (
 
 if TYPE_CHECKING:
     from crawler_model import Scene
+    from crawler_ros.replay.analysis import Replay
     from crawler_ros.replay.health import Survey
     from crawler_ros.replay.ramps import Sink
     from crawler_ros.replay.show.tick_frames import TickFrames
@@ -111,6 +111,21 @@ def replay(
         print_replay(found, screen)
         for line in filter(None, (recovered, *written)):
             screen.print(line)
+    _check_healthy(recording, found)
+
+
+def _draw_rrd(recording: Path, rrd: Path, found: Replay, ticks: TickFrames | None) -> None:
+    if found.scene is None:
+        raise CrawlerError(f"--rrd: {recording} does not hold its scene; name it with --scene")
+    from crawler_ros.viewer.visualizer import draw_frames, draw_recording
+
+    if ticks is not None and ticks.frames:
+        draw_frames(found.scene, ticks.frames, rrd)
+    else:
+        draw_recording(recording, rrd, found.scene, found.robot, found.table.jumps)
+
+
+def _check_healthy(recording: Path, found: Replay) -> None:
     if not found.healthy:
         more = f" (and {len(found.problems) - 1} more)" if len(found.problems) > 1 else ""
         raise CrawlerError(f"{recording}: {found.problems[0]}{more}")
@@ -135,14 +150,13 @@ def _replay_many(
         raise CrawlerError("--parquet: missing; several recordings make a data set, in a folder to be named")
     from crawler_model import load_scene
 
-    from .recordings.data_set import plan_batch, run_batch
+    from .recordings.data_set import plan_batch, print_skipped, run_batch
 
     loaded = None if scene is None else load_scene(scene)
     batch = plan_batch(recordings, folder, resume, loaded, namespace)
     with progress_bar("replaying") as progress:
         report = run_batch(batch, workers, scheduler, progress)
-    for name, reason in report.skipped.items():
-        print(f"crawler: skipped {name}: {' '.join(reason.split())}", file=sys.stderr)
+    print_skipped(report)
     print(json.dumps(report.as_plain(folder)) if as_json else report.describe(folder))
     if report.left:
         raise typer.Exit(STOPPED)
@@ -240,13 +254,6 @@ class _Outputs:
             written.append(f"drawn: {self._png}")
         if self._rrd is not None:
             with whole_file(self._rrd) as part:
-                if found.scene is None:
-                    raise CrawlerError(f"--rrd: {found.path} does not hold its scene; name it with --scene")
-                from crawler_ros.viewer.visualizer import draw_frames, draw_recording
-
-                if self._ticks is not None and self._ticks.frames:
-                    draw_frames(found.scene, self._ticks.frames, part)
-                else:
-                    draw_recording(found.path, part, found.scene, found.robot, found.table.jumps)
+                _draw_rrd(found.path, part, found, self._ticks)
             written.append(f"drawn: {self._rrd}")
         return written

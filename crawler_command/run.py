@@ -91,30 +91,12 @@ def run_controller(
             raise CrawlerError(f"-p {text}: write NAME:=VALUE, for example -p rate:=200.0")
         if name in options:
             raise CrawlerError(f"-p {text}: {name} is chosen by the command; use its argument or its option")
-        # read a number or a switch as ROS reads it in a command line; all else is text
-        import yaml
-
-        plain = yaml.safe_load(value)
-        options[name] = plain if isinstance(plain, (bool, int, float)) else value
+        options[name] = _read_value(value)
     status = None
     with _noted_signals() as received, _own_domain() as environment:
         simulator = _Simulator(options, environment)
         try:
-            # wait until a simulator that was just started answers, or a signal has been received
-            deadline = None
-            with _first_state() as has_arrived:
-                while not (has_arrived() or received or simulator.status == 0):
-                    if simulator.status is not None:
-                        refusal = simulator.last_line().removeprefix("simulator: ")
-                        raise CrawlerError(f"the simulator has not started: {refusal}")
-                    simulator.relay()
-                    if deadline is None and "waiting for commands" in simulator.noted:
-                        deadline = time.monotonic() + _ANSWERS_S
-                    if deadline is not None and time.monotonic() > deadline:
-                        raise CrawlerError(
-                            f"the simulator runs, but none of its states arrived within {_ANSWERS_S:g} s; check the "
-                            "variables ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and RMW_IMPLEMENTATION"
-                        )
+            _await_first_state(simulator, received)
             if not received:
                 words = [sys.executable, controller_process.__file__, str(controller), *(arguments or ())]
                 status = _play(simulator, words, environment, received)
@@ -140,6 +122,14 @@ def run_controller(
     recorded = re.findall(r"recorded .*", simulator.noted)
     screen.print("; ".join([f"{controller.name} {how}", *(f"simulator {text}" for text in stopped), *recorded]))
     raise typer.Exit(128 + received[0] if received else status or 0)
+
+
+def _read_value(text: str) -> str | float | bool:
+    """Read a number or a switch as ROS reads it in a command line; all else is text."""
+    import yaml
+
+    plain = yaml.safe_load(text)
+    return plain if isinstance(plain, (bool, int, float)) else text
 
 
 @contextlib.contextmanager
@@ -169,6 +159,24 @@ def _own_domain() -> Iterator[dict[str, str]]:
         if not any(os.environ.get(name) for name in ranges):
             os.environ[ranges[0]] = "LOCALHOST"
         yield dict(os.environ)
+
+
+def _await_first_state(simulator: _Simulator, received: list[int]) -> None:
+    """Wait until a simulator that was just started answers, or a signal has been received."""
+    deadline = None
+    with _first_state() as has_arrived:
+        while not (has_arrived() or received or simulator.status == 0):
+            if simulator.status is not None:
+                refusal = simulator.last_line().removeprefix("simulator: ")
+                raise CrawlerError(f"the simulator has not started: {refusal}")
+            simulator.relay()
+            if deadline is None and "waiting for commands" in simulator.noted:
+                deadline = time.monotonic() + _ANSWERS_S
+            if deadline is not None and time.monotonic() > deadline:
+                raise CrawlerError(
+                    f"the simulator runs, but none of its states arrived within {_ANSWERS_S:g} s; check the variables "
+                    "ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and RMW_IMPLEMENTATION"
+                )
 
 
 def _play(simulator: _Simulator, command: list[str], environment: dict[str, str], received: list[int]) -> int | None:

@@ -74,6 +74,12 @@ class AnsweringNode(QuietNode):
     def report_following(self) -> None:
         """Log how it goes, every few seconds; a node that has nothing to log is silent."""
 
+    def _wait(self) -> None:
+        """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
+        if self._publisher.get_subscription_count():
+            self._publisher.publish(NO_CHANGE)
+        self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
+
     def answer_states(self) -> None:
         """Answer states until the node is done or a signal arrives.
 
@@ -96,11 +102,7 @@ class AnsweringNode(QuietNode):
             if now - reported > _REPORT_EVERY_S:
                 reported = now
                 if self._last_ns < 0:
-                    if self._publisher.get_subscription_count():
-                        self._publisher.publish(NO_CHANGE)
-                    self.get_logger().info(
-                        "still waiting for states: start crawler-simulator in the same namespace and domain"
-                    )
+                    self._wait()
                 else:
                     self.report_following()
         self.leave()

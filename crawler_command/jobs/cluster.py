@@ -80,11 +80,7 @@ def connect(address: str) -> Iterator[Cluster]:
         CrawlerError: when there is no scheduler or no worker.
     """
     with _quiet(), _connect(address) as client:
-        try:
-            client.wait_for_workers(1, timeout=PATIENCE_S)
-        except (OSError, asyncio.TimeoutError):  # a class of its own before Python 3.11
-            raise CrawlerError(f"--scheduler: {address} has no workers; start one: dask worker {address}") from None
-        yield Cluster(client, sum(client.nthreads().values()) or 1)
+        yield Cluster(client, _count_threads(client, address))
 
 
 @contextmanager
@@ -107,6 +103,14 @@ def _connect(address: str) -> distributed.Client:
         return distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, asyncio.TimeoutError):  # a class of its own before Python 3.11
         raise CrawlerError(f"--scheduler: no Dask scheduler answers at {address}") from None
+
+
+def _count_threads(client: distributed.Client, address: str) -> int:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except (OSError, asyncio.TimeoutError):  # a class of its own before Python 3.11
+        raise CrawlerError(f"--scheduler: {address} has no workers; start one: dask worker {address}") from None
+    return sum(client.nthreads().values()) or 1
 
 
 def _result(task: distributed.Future) -> Any:

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -184,11 +185,7 @@ def run_batch(batch: Batch, workers: int | None, scheduler: str | None, progress
 
 
 def _run_alone(batch: Batch, workers: int | None, scheduler: str | None, progress: Callable[[float], None]) -> Report:
-    # remove runs without a row of `runs`, which a process left that was killed
-    for table in TABLES[:-1]:
-        for place in (batch.folder / table).glob("run=*"):
-            if not (batch.folder / "runs" / place.name / "part.parquet").exists():
-                shutil.rmtree(place)
+    _remove_halves(batch.folder)
     runs, bags = list(batch.bags), list(batch.bags.values())
     sizes = [find_file(bag).stat().st_size + 1 for bag in bags]
     report = Report(batch.finished, skipped=dict(batch.skipped), left=len(runs))
@@ -352,6 +349,14 @@ def _lock(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
+def _remove_halves(folder: Path) -> None:
+    """Remove runs without a row of `runs`, which a process left that was killed."""
+    for table in TABLES[:-1]:
+        for place in (folder / table).glob("run=*"):
+            if not (folder / "runs" / place.name / "part.parquet").exists():
+                shutil.rmtree(place)
+
+
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Hold Ctrl-C back until the end of the block."""
@@ -382,3 +387,13 @@ def _align_columns(folder: Path) -> None:
         file = _unfinished(folder) / part.parent.name
         parquet.write_table(pa.Table.from_arrays(columns, schema=target), file, compression="zstd")
         file.replace(part)
+
+
+def print_skipped(report: Report) -> None:
+    """Print a line on standard error for each recording that was skipped.
+
+    Args:
+        report: what became of a batch.
+    """
+    for name, reason in report.skipped.items():
+        print(f"crawler: skipped {name}: {' '.join(reason.split())}", file=sys.stderr)

@@ -11,6 +11,7 @@ side of it another contact rests in place of the point. The derivatives are then
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -152,3 +153,18 @@ def compare_steps(sides: np.ndarray, travel: float, values: np.ndarray) -> np.nd
     sure = np.abs(bend.mean(axis=0)) - _ERRORS * bend.std(axis=0, ddof=1) / math.sqrt(len(bend))
     size = _find_size(sides.mean(axis=(0, 1))[None], travel, values)
     return np.asarray(np.maximum(apart, sure).max(axis=0, initial=0.0) / size)
+
+
+def find_trend(gains: Sequence[float], elements: Sequence[int]) -> float:
+    """Find how far gains on grids are off on average, if their errors are proportional to the size of an element.
+
+    Args:
+        gains: the gain on each grid [m].
+        elements: their numbers.
+
+    Returns:
+        The error, as a part of the gain [1].
+    """
+    size = 1.0 / np.array(elements)
+    slope, gain = np.polyfit(size, gains, 1)
+    return float(abs(slope) * size.mean() / max(abs(gain), np.finfo(np.float64).tiny))

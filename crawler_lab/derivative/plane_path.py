@@ -21,6 +21,7 @@ from crawler_model.motion.plane.motion import build_plane_motion
 from crawler_model.motion.plane.ramp import PATIENCE, PLACE, begin_ramp, follow_ramp, predict_first_slide
 from crawler_model.motion.plane.walk import AT_ONCE
 from crawler_model.run.account import tolerance_of
+from crawler_model.run.screw import gain_in_frame, to_frame
 
 from .parameters import Derivatives
 from .plane_part import Course, differentiate_part
@@ -331,3 +332,26 @@ def differentiate_yaw(body: Body, x: np.ndarray, dx: np.ndarray, d_position: np.
     moves = dx[:, b] - dx[:, a] + (d_position[b] - d_position[a])
     across = along[:, 0, None] * moves[:, 1] - along[:, 1, None] * moves[:, 0]
     return np.asarray(across / (along**2).sum(axis=1, keepdims=True))
+
+
+def differentiate_gains(body: Body, x: np.ndarray, dx: np.ndarray, d_position: np.ndarray) -> np.ndarray:
+    """Differentiate what a body that turns gains between some instants, as `run.screw.gain_in_frame` measures it.
+
+    Args:
+        body: the body.
+        x: displacements at M instants, shape (M, N, 2) [m].
+        dx: their derivatives, shape (M, N, 2, P).
+        d_position: derivatives of the reference positions, shape (N, 2, P).
+
+    Returns:
+        Derivatives of dx, dy and dyaw, shape (M - 1, 3, P).
+    """
+    assert body.turning is not None
+    d_yaw = differentiate_yaw(body, x, dx, d_position)
+    heading = body.turning.heading
+    gained = gain_in_frame(body, x[:-1], np.diff(x, axis=0), np.zeros(x.shape[0] - 1))
+    d_gained = np.diff(dx[:, heading].mean(axis=1), axis=0)
+    turned = to_frame(body, x[:-1], np.moveaxis(d_gained, 2, 1))
+    d_along = turned[..., 0] + gained[:, 1, None] * d_yaw[:-1]
+    d_across = turned[..., 1] - gained[:, 0, None] * d_yaw[:-1]
+    return np.stack((d_along, d_across, np.diff(d_yaw, axis=0)), axis=1)

@@ -17,7 +17,7 @@ from crawler_model.body.body import Body
 from crawler_model.body.drive import NS
 from crawler_model.errors import CommandError, SceneError
 from crawler_model.notebook import write_html, write_numbers
-from crawler_model.run.screw import gain_in_frame, largest_distance, to_frame
+from crawler_model.run.screw import largest_distance
 from crawler_model.run.simulate import default_duration, simulate
 from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
 from crawler_model.run.trajectory import Trajectory
@@ -35,11 +35,12 @@ from .grids import (
     average_grids,
     compare_sides,
     compare_steps,
+    find_trend,
     other_grids,
     tilt,
 )
 from .parameters import Derivatives, differentiate_arrays
-from .plane_path import PlanePath, differentiate_yaw
+from .plane_path import PlanePath, differentiate_gains, differentiate_yaw
 from .tangent_path import Stretch, TangentPath, Vertices, build_vertices
 
 _CHUNK = 4096
@@ -230,9 +231,7 @@ def _average_over_grids(
     try:
         grids = [scene, *other_grids(scene)]
         others = (simulate(grid, float(found.time[-1]), rate) for grid in grids[1:])
-        gains = [
-            float(run.per_period[-1] if run.per_period.size else run.net_translation[-1]) for run in (here, *others)
-        ]
+        gains = [_last_gain(run) for run in (here, *others)]
         if scene.can_be_differenced:
             sides, hides = map(np.stack, zip(*(differentiate_grid(grid, keys, tick_ns) for grid in grids), strict=True))
             table, missed = sides.mean(axis=1), compare_steps(sides, travel, found.values)
@@ -253,10 +252,7 @@ def _average_over_grids(
     for part in parts:  # each period beside itself: a first one that goes far hides no error of later ones
         error = np.maximum(error, average_grids(table[:, part], travel, found.values)[1])
         small |= are_small(mean[part], travel, found.values)
-    # find how far gains on grids are off on average, if their errors are proportional to the size of an element
-    size = 1.0 / np.array([grid.body.element_ends.shape[0] for grid in grids])
-    slope, gain = np.polyfit(size, gains, 1)
-    trend = float(abs(slope) * size.mean() / max(abs(gain), np.finfo(np.float64).tiny))
+    trend = find_trend(gains, [grid.body.element_ends.shape[0] for grid in grids])
     error = np.where(error > SCATTERED, np.maximum(error, trend), error)
     unresolved = ~(error <= RESOLVED) | (hides.all(axis=0) & small)
     shift = np.where(np.isfinite(mean[:first]), mean[:first] - found.net_translation, 0.0)
@@ -273,6 +269,11 @@ def _average_over_grids(
 def _find_travel(run: Trajectory) -> float:
     """Measure how far a body with segments moves [m]."""
     return float(np.ptp(run.net_translation))
+
+
+def _last_gain(run: Trajectory) -> float:
+    """Return the gain in the last whole period, or in all [m]."""
+    return float(run.per_period[-1] if run.per_period.size else run.net_translation[-1])
 
 
 def _differentiate_on_line(scene: Scene, derivatives: Derivatives, tick_ns: np.ndarray, travel: float) -> Sensitivities:
@@ -332,15 +333,7 @@ def _differentiate(
     if scene.body.turning is None:
         gains = np.diff(np.einsum("n,tn...->t...", scene.body.share, mark_dx), axis=0)
     else:
-        # differentiate what a body that turns gains between some instants, as `run.screw.gain_in_frame` measures it
-        d_yaw = differentiate_yaw(scene.body, mark_x, mark_dx, derivatives.position)
-        heading = scene.body.turning.heading
-        gained = gain_in_frame(scene.body, mark_x[:-1], np.diff(mark_x, axis=0), np.zeros(mark_x.shape[0] - 1))
-        d_gained = np.diff(mark_dx[:, heading].mean(axis=1), axis=0)
-        turned = to_frame(scene.body, mark_x[:-1], np.moveaxis(d_gained, 2, 1))
-        d_along = turned[..., 0] + gained[:, 1, None] * d_yaw[:-1]
-        d_across = turned[..., 1] - gained[:, 0, None] * d_yaw[:-1]
-        gains = np.stack((d_along, d_across, np.diff(d_yaw, axis=0)), axis=1)
+        gains = differentiate_gains(scene.body, mark_x, mark_dx, derivatives.position)
     return Sensitivities(
         derivatives.names,
         frozen(derivatives.values),

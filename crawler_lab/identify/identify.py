@@ -22,7 +22,7 @@ from .fit.space import build_space
 from .forecast.posterior import GAIN, collect_posterior
 from .identification import Identification
 from .judge.bounds import release
-from .judge.explain import explain_misfit, remark
+from .judge.explain import Explanation, explain_misfit, remark
 from .judge.held_out import score_held_out
 from .judge.intervals import find_intervals
 from .judge.rate import judge_rate
@@ -226,7 +226,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     width = np.maximum(below, above)
     explained, tries = where is not None and not fit.interrupted, seconds > 0.0
     explanations, untried = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else ([], [])
-    unexplained = explained and tries and max((one.explained for one in explanations), default=0.0) < _MOSTLY
+    unexplained = explained and tries and not _is_explained(explanations)
     if where is None and score is not None and score.size > _WORSE:
         where = score.worst
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
@@ -274,6 +274,10 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         posterior=posterior,
         interrupted=fit.interrupted,
     )
+
+
+def _is_explained(explanations: Sequence[Explanation]) -> bool:
+    return max((one.explained for one in explanations), default=0.0) >= _MOSTLY
 
 
 def _find_start(problem: Problem, fit: Fit, recording: int) -> np.ndarray | None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from crawler_model.errors import SceneError
+from crawler_model.errors import CommandError, SceneError
 from crawler_model.scene.scene import Scene
 
 from ..sweep.vary import Variations
@@ -78,6 +78,26 @@ class Robustness:
     drawn: int
     verified: int
     unknown: tuple[str, ...]
+
+
+def check_uncertain(over: Over, objective: str, robust: Mapping[str, Any] | None) -> None:
+    """Check what uncertainty is combined with.
+
+    Args:
+        robust: factors of numbers.
+
+    Raises:
+        CommandError: if it cannot be combined.
+    """
+    if over not in ("expected", "worst"):
+        raise CommandError(f"robust_of: {over!r}; it must be expected or worst")
+    if robust:
+        raise CommandError(f"robust_to: {next(iter(robust))} has bounds in robust, too; give one or the other")
+    if over == "expected" and objective == "cost-of-transport":
+        raise CommandError(
+            "robust_to: the expected cost of transport has no bound, as a body that stays where it is has an infinite "
+            "one; take robust_of worst, or another objective"
+        )
 
 
 def spread_over(space: Space, unknowns: Unknowns, uncertain: Uncertain, over: Over) -> Space:

@@ -14,7 +14,7 @@ from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.scene import Scene
 
 from ..sweep.keys import expand_keys
-from .bodies import Over, Uncertain, count_bodies, spread_over, verify
+from .bodies import Over, Uncertain, check_uncertain, count_bodies, spread_over, verify
 from .examine import count_candidates, finish
 from .followed import followed_goal
 from .goal import DEFAULT_PERIODS, OBJECTIVES, Goal
@@ -101,16 +101,7 @@ def optimise(
     began = clock()
     scene = coerce_scene(scene, "optimise")
     if robust_to is not None:
-        # check what uncertainty is combined with
-        if robust_of not in ("expected", "worst"):
-            raise CommandError(f"robust_of: {robust_of!r}; it must be expected or worst")
-        if robust:
-            raise CommandError(f"robust_to: {next(iter(robust))} has bounds in robust, too; give one or the other")
-        if robust_of == "expected" and objective == "cost-of-transport":
-            raise CommandError(
-                "robust_to: the expected cost of transport has no bound, as a body that stays where it is has an "
-                "infinite one; take robust_of worst, or another objective"
-            )
+        check_uncertain(robust_of, objective, robust)
         scene = robust_to.apply(scene)
     request = Request(
         objective,

@@ -108,18 +108,27 @@ def _check_kind(scene: Scene, request: Request) -> None:
         raise SceneError(
             f"tension: not available for {scene.name}, which {scene.inexact}; limit stroke or rate instead"
         )
-    if request.towards is not None:
+    _check_towards_and_periods(scene, request.towards, request.periods)
+    if (target is not None) != (objective == SCREW):
+        given = "missing" if target is None else list(target)
+        raise CommandError(f"target: {given}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
+    if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
+        raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
+
+
+def _check_towards_and_periods(scene: Scene, towards: object, periods: object) -> None:
+    if towards is not None:
         if scene.dimension == 1:
             raise SceneError(f"towards: {scene.name} is on a line, where the gain towards +x counts; leave it out")
-        if not isinstance(request.towards, (int, float)) or not math.isfinite(request.towards):
-            raise CommandError(f"towards: {request.towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
-    if request.periods is not None:
+        if not isinstance(towards, (int, float)) or not math.isfinite(towards):
+            raise CommandError(f"towards: {towards!r}; it must be an angle in degrees, 0 for +x, 90 for +y")
+    if periods is not None:
         if not scene.ground.differs:
             raise SceneError(
                 f"periods: {scene.name} has one ground everywhere, so that its periods repeat; leave it out"
             )
-        if not isinstance(request.periods, int) or not 1 <= request.periods <= _MOST_COUNTED:
-            raise CommandError(f"periods: {request.periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
+        if not isinstance(periods, int) or not 1 <= periods <= _MOST_COUNTED:
+            raise CommandError(f"periods: {periods!r}; it must be a whole number between 1 and {_MOST_COUNTED}")
     if scene.ground.differs and scene.body.turning is not None:
         raise SceneError(
             f"{scene.name} has {scene.ground.differs}, over which gaits of bodies that turn are not sought; `crawler "
@@ -130,11 +139,6 @@ def _check_kind(scene: Scene, request: Request) -> None:
             f"start.displacement: {scene.name} has {scene.ground.differs}, where gaits are sought from a relaxed "
             "start; leave it out, and move body.contacts instead"
         )
-    if (target is not None) != (objective == SCREW):
-        given = "missing" if target is None else list(target)
-        raise CommandError(f"target: {given}; the objective {SCREW!r} needs dx, dy, dyaw per period, others none")
-    if target is not None and (len(target) != 3 or not all(math.isfinite(value) for value in target)):
-        raise CommandError(f"target: {list(target)}; it must be three finite numbers: dx, dy [m], dyaw [rad]")
 
 
 def check_bounds(name: str, given: Any) -> Bounds:

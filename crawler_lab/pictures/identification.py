@@ -190,10 +190,7 @@ def _plot_positions(axis: Axes, time: np.ndarray, fitted: np.ndarray, rows: list
         axis.plot(time, row.values, ".", color=row.color, markersize=5.0, alpha=0.25, markeredgewidth=0.0)
         seen = np.isfinite(row.errors)
         at, model, band = time[seen], (row.values + row.errors)[seen], row.band[seen]
-        # insert NaN where time has a gap
-        steps = np.diff(at)
-        gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
-        axis.plot(*(np.insert(at, gaps, np.nan), np.insert(model, gaps, np.nan)), color=row.color, linewidth=0.9)
+        axis.plot(*_interrupt(at, model), color=row.color, linewidth=0.9)
         axis.fill_between(
             at, model - band, model + band, where=~fitted[seen], color=row.color, alpha=0.3, linewidth=0.0
         )
@@ -281,3 +278,10 @@ def _find_stretches(time: np.ndarray, marked: np.ndarray) -> list[tuple[float, f
     """List the first and last time of each run of marked rows."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], marked, [False])).astype(int)))
     return [(float(time[first]), float(time[end - 1])) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _interrupt(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Insert NaN where time has a gap."""
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    return np.insert(time, gaps, np.nan), np.insert(values, gaps, np.nan)

@@ -72,6 +72,22 @@ class Target:
         return rows * float(np.log(max(fit.misfit / rows, self.least))) + fit.shape.size * float(np.log(rows))
 
 
+def find_reach(elongation: np.ndarray) -> np.ndarray:
+    """Find which elements a record of elongations determines: they yield to one side and then to the other.
+
+    Args:
+        elongation: shape (R,) [m].
+
+    Returns:
+        Least and largest elongation at which an element yields, shape (2,) [m]; both 0 if there is no reversal.
+    """
+    span = float(np.ptp(elongation))
+    ways = np.abs(np.diff(elongation[find_reversals(elongation, 0.02 * span)]))
+    largest = 0.5 * float(np.minimum(ways[1:], ways[:-1]).max(initial=0.0))
+    steps = np.abs(np.diff(elongation))
+    return np.array([min(float(np.median(steps[steps > 0.0])), 0.1 * largest) if largest else 0.0, largest])
+
+
 def fit_loop(path: LoopPath, force: np.ndarray, time: np.ndarray, reach: np.ndarray) -> tuple[Fit, Target, Noise]:
     """Fit the least number of elements and pieces of a curve.
 
@@ -89,14 +105,7 @@ def fit_loop(path: LoopPath, force: np.ndarray, time: np.ndarray, reach: np.ndar
     rows = np.unique(np.rint(np.linspace(0, force.size - 1, min(_ROWS, force.size))).astype(int))
     floor = find_floor(force[:, None])
     noise, extra = Noise(floor), np.zeros(force.size)
-    # choose rows, at which the elements have the same forces as before
-    few = Target(
-        LoopPath(path.elongation[rows], path.turns, path.run[rows]),
-        force[rows],
-        build_whitening(noise, time[rows], extra[rows]),
-        reach,
-        1.0,
-    )
+    few = Target(path.choose_rows(rows), force[rows], build_whitening(noise, time[rows], extra[rows]), reach, 1.0)
     slope = float(np.ptp(force)) / float(np.ptp(path.elongation))
     memory = _MEMORY * float(np.median(np.diff(time[find_reversals(path.elongation, 0.1 * np.ptp(path.elongation))])))
     best = refine(few, Shape(0, 0), np.array([float(force.mean()), slope]))

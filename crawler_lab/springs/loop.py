@@ -23,6 +23,17 @@ class LoopPath:
     turns: np.ndarray
     run: np.ndarray
 
+    def choose_rows(self, rows: np.ndarray) -> LoopPath:
+        """Choose rows, at which the elements have the same forces as before.
+
+        Args:
+            rows: their numbers, or whether they are chosen.
+
+        Returns:
+            The path.
+        """
+        return LoopPath(self.elongation[rows], self.turns, self.run[rows])
+
 
 class Shape(NamedTuple):
     """The numbers of pieces and of elements, and the order of the parameters.

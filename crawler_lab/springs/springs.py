@@ -11,7 +11,7 @@ from crawler_model import CrawlerError
 
 from ..identify.fit.misfit import FITS
 from ..identify.sensor.noise import find_floor, find_quantile, guess_noise
-from .fit import Fit, Target, fit_loop
+from .fit import Fit, Target, find_reach, fit_loop
 from .loop import build_path, compute_force, compute_spring, find_reversals
 from .rate import Rate, judge_rate
 
@@ -160,12 +160,7 @@ def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.n
     """
     if elongation.size < _FEWEST:
         raise CrawlerError(f"{name}: {elongation.size} rows with an elongation and a force; a loop needs {_FEWEST}")
-    # find which elements a record of elongations determines: they yield to one side and then to the other
-    span = float(np.ptp(elongation))
-    ways = np.abs(np.diff(elongation[find_reversals(elongation, 0.02 * span)]))
-    largest = 0.5 * float(np.minimum(ways[1:], ways[:-1]).max(initial=0.0))
-    steps = np.abs(np.diff(elongation))
-    reach = np.array([min(float(np.median(steps[steps > 0.0])), 0.1 * largest) if largest else 0.0, largest])
+    reach = find_reach(elongation)
     if reach[1] == 0.0:
         raise CrawlerError(
             f"{name}: no reversal: the elongation goes one way from {elongation[0]:g} to {elongation[-1]:g} m, which "
@@ -185,18 +180,6 @@ def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.n
     rate = None if time is None else judge_rate(target, fit, time, width, residual if residual > allowed else 0.0)
     numbers, elements = _estimate(target, fit)
     at = np.array([elongation.min(), *fit.x[2 + fit.shape.knots : fit.shape.first_element], elongation.max()])
-    notes = []
-    if np.ptp(elongation) > _LONG:
-        notes.append(f"the elongation spans {np.ptp(elongation):g} m: is `--units mm` missing?")
-    if residual > allowed and min(quarters) > 0.0 and max(quarters) > _WIDER * min(quarters):
-        notes.append(
-            f"the loop is {quarters[0]:.3g} N wide at a quarter and {quarters[1]:.3g} N at three quarters of its "
-            "elongations: friction that grows with tension, as of a cable in a sheath, is not in the model"
-        )
-    if any(one.stiffness.high is None for one in elements):
-        notes.append("an element yields within a step of the rows: it is at least as stiff as given")
-    if any(one.limit.high is None for one in elements):
-        notes.append("an element yields only beyond half of the longest stroke: measure longer ones")
     return Springs(
         name=name,
         force_at_zero=numbers[0],
@@ -209,7 +192,7 @@ def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.n
         residual=residual,
         noise=noise,
         rate=rate,
-        notes=tuple(notes),
+        notes=tuple(_find_notes(elongation, quarters, residual > allowed, elements)),
         time=clock,
         elongation=elongation,
         force=force,
@@ -262,3 +245,21 @@ def _between(value: float, low: float, high: float) -> Estimate:
     """Build an estimate; ends that are NaN are not known."""
     ends = [None if np.isnan(end) else float(end) for end in (low, high)]
     return Estimate(value=float(value), low=ends[0], high=ends[1])
+
+
+def _find_notes(
+    elongation: np.ndarray, widths: tuple[float, float], misfit: bool, elements: list[Element]
+) -> list[str]:
+    notes = []
+    if np.ptp(elongation) > _LONG:
+        notes.append(f"the elongation spans {np.ptp(elongation):g} m: is `--units mm` missing?")
+    if misfit and min(widths) > 0.0 and max(widths) > _WIDER * min(widths):
+        notes.append(
+            f"the loop is {widths[0]:.3g} N wide at a quarter and {widths[1]:.3g} N at three quarters of its "
+            "elongations: friction that grows with tension, as of a cable in a sheath, is not in the model"
+        )
+    if any(one.stiffness.high is None for one in elements):
+        notes.append("an element yields within a step of the rows: it is at least as stiff as given")
+    if any(one.limit.high is None for one in elements):
+        notes.append("an element yields only beyond half of the longest stroke: measure longer ones")
+    return notes

@@ -192,13 +192,7 @@ def optimise_command(
     """
     require("cma", *(["matplotlib"] if png is not None else []))
     _check_outputs(out, table, png, force, compromises)
-    if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
-        raise CrawlerError("--pareto: the curve shows translation against cost of transport; use --for translation")
-    if robust_to is None and robust_of is not None:
-        raise CrawlerError(f"--robust-of {robust_of.value}: it needs --robust-to FIT.json")
-    for option, given in (("--robust", robust), ("--pareto", compromises)):
-        if robust_to is not None and given:
-            raise CrawlerError(f"--robust-to: it cannot be combined with {option}; give one of them")
+    _check_combinations(robust, robust_to, robust_of, compromises, objective, target)
     strokes = parse_bounds("--stroke", stroke or ())
     limits: dict[str, Any] = {
         "waypoints": waypoints,
@@ -310,3 +304,20 @@ def _write(found: Front | Optimum, out: Path | None, table: Path | None, png: Pa
                 draw_front(found, part)
             else:
                 draw_optimum(found, {name: unit_of(found.scene, name) for name in found.names}, part)
+
+
+def _check_combinations(
+    robust: list[str] | None,
+    fit: Path | None,
+    over: Over | None,
+    compromises: bool,
+    objective: Objective,
+    target: str | None,
+) -> None:
+    if compromises and (target is not None or objective not in (Objective.translation, Objective.cost_of_transport)):
+        raise CrawlerError("--pareto: the curve shows translation against cost of transport; use --for translation")
+    if fit is None and over is not None:
+        raise CrawlerError(f"--robust-of {over.value}: it needs --robust-to FIT.json")
+    for option, given in (("--robust", robust), ("--pareto", compromises)):
+        if fit is not None and given:
+            raise CrawlerError(f"--robust-to: it cannot be combined with {option}; give one of them")

@@ -179,13 +179,7 @@ class InertiaMeter:
         self.target = rows[-1].copy()
         if self._twin is None:
             assert x is not None
-            places = np.concatenate((self._x[None], x))
-            self._x = x[-1]
-            lasts = ends_ns > begins
-            moved = np.diff(places, axis=0)
-            moved[list(jumped)] = np.nan
-            velocity = moved[lasts] / ((ends_ns - begins) / NS)[lasts].reshape(-1, *(1,) * (x.ndim - 1))
-            self._note(velocity, self._friction(rows[:-1], places[:-1])[lasts], begins[lasts])
+            self._add_mean_velocities(rows, begins, ends_ns, x, jumped)
             return
         size = max(_MOST_NUMBERS // (PIECES_A_RAMP * (HEADER + 2 * self._plan.body.contacts)), 1)
         for first in range(0, ends_ns.size, size):
@@ -229,6 +223,17 @@ class InertiaMeter:
         held = friction[ramp] + part * (friction[ramp + 1] - friction[ramp])
         velocity = met[:, HEADER : HEADER + n] / seconds[ramp, None]
         self._note(velocity, held, begins[ramp] + met[:, FROM] * (ends - begins)[ramp])
+
+    def _add_mean_velocities(
+        self, rows: np.ndarray, begins: np.ndarray, ends: np.ndarray, x: np.ndarray, jumped: Sequence[int]
+    ) -> None:
+        places = np.concatenate((self._x[None], x))
+        self._x = x[-1]
+        lasts = ends > begins
+        moved = np.diff(places, axis=0)
+        moved[list(jumped)] = np.nan
+        velocity = moved[lasts] / ((ends - begins) / NS)[lasts].reshape(-1, *(1,) * (x.ndim - 1))
+        self._note(velocity, self._friction(rows[:-1], places[:-1])[lasts], begins[lasts])
 
     def _note(self, velocity: np.ndarray, held: np.ndarray, at_ns: np.ndarray) -> None:
         """Note the velocities after events, shape (E, N) or (E, N, 2), with the friction and the times there."""

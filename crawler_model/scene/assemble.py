@@ -108,16 +108,7 @@ def _check_parts(parts: SceneParts) -> None:
     if parts.ground is not None and parts.ground.profile is not None:
         _check_profile(parts)
     if parts.couplings:
-        # refuse what is not followed exactly where friction changes with elongations
-        if parts.dimension == 2:
-            raise SceneError(
-                "friction.with_elongation: only on a line; in the plane paths are followed in steps, which would pass "
-                "over its elongations"
-            )
-        if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
-            raise SceneError(
-                "friction.with_elongation: not supported with coefficients of friction; give `friction` as forces"
-            )
+        _check_couplings(parts)
 
 
 def _check_profile(parts: SceneParts) -> None:
@@ -129,6 +120,19 @@ def _check_profile(parts: SceneParts) -> None:
         raise SceneError(
             "ground.profile.slope: a coefficient of friction acts on the cosine of the slope, which is not linear "
             "between places; give `friction` as forces"
+        )
+
+
+def _check_couplings(parts: SceneParts) -> None:
+    """Refuse what is not followed exactly where friction changes with elongations."""
+    if parts.dimension == 2:
+        raise SceneError(
+            "friction.with_elongation: only on a line; in the plane paths are followed in steps, which would pass over "
+            "its elongations"
+        )
+    if any(f is not None and f.coefficient for f in (parts.friction, *(s.friction for s in parts.body.segments))):
+        raise SceneError(
+            "friction.with_elongation: not supported with coefficients of friction; give `friction` as forces"
         )
 
 

@@ -52,17 +52,21 @@ def _element_stiffness(part: SegmentPart, nodes: np.ndarray) -> np.ndarray:
     if part.stiffness is None:
         return np.ones(elements)
     if isinstance(part.stiffness, TablePart):
-        # compute the mean of 1 / k over each element: k is linear between cuts, and the integral of 1 / k a logarithm
-        at = np.array(part.stiffness.at)
-        cuts = np.union1d(nodes, at[(at > nodes[0]) & (at < nodes[-1])])
-        k = np.interp(cuts, at, part.stiffness.value)
-        growth = np.diff(k) / k[:-1]
-        mean = np.divide(np.log1p(growth), growth, out=np.ones_like(growth), where=growth != 0.0) / k[:-1]
-        integral = np.concatenate(([0.0], np.cumsum(mean * np.diff(cuts))))
-        compliance = np.diff(integral[np.searchsorted(cuts, nodes)]) / np.diff(nodes)
+        compliance = _average_compliance(part.stiffness, nodes)
     else:
         compliance = np.repeat(np.atleast_1d(1.0 / part.stiffness), elements, axis=-1)
     return np.asarray(1.0 / (compliance * (part.stop - part.start) / elements))
+
+
+def _average_compliance(modulus: TablePart, nodes: np.ndarray) -> np.ndarray:
+    """Compute the mean of 1 / k over each element: k is linear between cuts, and the integral of 1 / k a logarithm."""
+    at = np.array(modulus.at)
+    cuts = np.union1d(nodes, at[(at > nodes[0]) & (at < nodes[-1])])
+    k = np.interp(cuts, at, modulus.value)
+    growth = np.diff(k) / k[:-1]
+    mean = np.divide(np.log1p(growth), growth, out=np.ones_like(growth), where=growth != 0.0) / k[:-1]
+    integral = np.concatenate(([0.0], np.cumsum(mean * np.diff(cuts))))
+    return np.diff(integral[np.searchsorted(cuts, nodes)]) / np.diff(nodes)
 
 
 def assemble_body(parts: SceneParts, elements: Sequence[int]) -> Body:
@@ -143,10 +147,7 @@ def assemble_columns(parts: SceneParts, body: Body, ground: Ground, like: Column
         The columns, `like` itself if the slope adds the same loads. A segment has one column for its strain unless a
         wave runs along it, and one per side for its friction unless that varies along it.
     """
-    # compute what the slope adds to the loads, (..., N) or (N, 2) [N]; None if level and no load is commanded
-    drive = parts.drive
-    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or np.any(ground.slope != 0.0)
-    slope_load, patched = (ground.slope_load if loaded else None), ground.track is not None
+    slope_load, patched = _loads_of_slope(parts, ground), ground.track is not None
     same = None if like is None else like.slope_load
     if like is not None and parts.dimension == 1 and (slope_load is None) == (same is None):
         if patched == like.patched and (slope_load is None or same is None or np.array_equal(slope_load, same)):
@@ -210,3 +211,10 @@ def _planar_columns(body: Body, directions: np.ndarray, slope_load: np.ndarray |
     joints = body.lengths - body.springs if turns else None
     index, factor = np.arange(size), np.ones(size)
     return Columns(body.springs, body.contacts, (), sides, index, factor, slope_load, directions, joints=joints)
+
+
+def _loads_of_slope(parts: SceneParts, ground: Ground) -> np.ndarray | None:
+    """Compute what the slope adds to the loads, (..., N) or (N, 2) [N]; None if level and no load is commanded."""
+    drive = parts.drive
+    loaded = parts.loads is not None or (drive is not None and drive.loads is not None) or np.any(ground.slope != 0.0)
+    return ground.slope_load if loaded else None

@@ -51,7 +51,14 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
     weight = frozen(_read_weights(parts, body, doubts))
     masses = parts.body.masses
     mass = None if masses is None else frozen(_read_each(masses, "body.masses", "a mass", body, doubts))
-    # determine where friction follows from weight, shape (N,): on no contact if the drive commands friction
+    follows = _follow_weights(parts, body)
+    track = _assemble_track(parts, body, weight, follows)
+    regions = _assemble_regions(ground, parts.dimension)
+    return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass, regions)
+
+
+def _follow_weights(parts: SceneParts, body: Body) -> np.ndarray:
+    """Determine where friction follows from weight, shape (N,): on no contact if the drive commands friction."""
     follows = np.zeros(body.contacts, np.bool_)
     drive = parts.drive
     if drive is None or not drive.commands_friction:
@@ -68,9 +75,7 @@ def assemble_ground(parts: SceneParts, body: Body, doubts: np.ndarray | None = N
                     "forces; give all of them the same kind"
                 )
     follows.flags.writeable = False
-    track = _assemble_track(parts, body, weight, follows)
-    regions = _assemble_regions(ground, parts.dimension)
-    return Ground(weight, follows, ground.slope * _RADIANS, direction, track, mass, regions)
+    return follows
 
 
 def _assemble_regions(ground: GroundPart, dimension: int) -> Regions | None:

@@ -108,9 +108,12 @@ def draw_states(
     extent: Any = (at[0], at[-1], edges[0], edges[-1])
     axis.imshow(picture, extent=extent, origin="lower", aspect="auto", interpolation="nearest")
     _name_rows(axis, count, names, inside)
-    pixel = float(np.ptp(at)) / WIDTH
-    contacts = 1 if inside else -(-count // HEIGHT)
-    parts = [f"{pixel:.2g} s"] * (pixel > float(np.diff(at).max())) + [f"{contacts} contacts"] * (contacts > 1)
+    return _resolution(float(np.ptp(at)) / WIDTH, float(np.diff(at).max()), 1 if inside else -(-count // HEIGHT))
+
+
+def _resolution(pixel: float, sample: float, contacts: int) -> str:
+    """Write what a pixel joins."""
+    parts = [f"{pixel:.2g} s"] * (pixel > sample) + [f"{contacts} contacts"] * (contacts > 1)
     return f"a pixel joins {' and '.join(parts)} and shows every slip in it" if parts else ""
 
 

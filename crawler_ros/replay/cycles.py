@@ -156,15 +156,21 @@ def _follow_drive(
     vertex = np.searchsorted(path.time_ns, ends_ns + _INSTANT_NS, side="right") - 1
     ends_there = np.abs(path.time_ns[vertex] - ends_ns) <= _INSTANT_NS
     held = (vertex < moved.size) & ~moved[np.minimum(vertex, moved.size - 1)]
-    # determine whether every waypoint at which the drive turns is a vertex of the path, for each period, (K,)
+    right = _pass_corners(path, moved, begins_ns, times, places, tolerance) & (ends_there | held)
+    right &= path.time_ns[vertex] < good_ns
+    return [begin, *vertex[: np.append(right, False).argmin()].tolist()]
+
+
+def _pass_corners(
+    path: CommandPath, moved: np.ndarray, begins_ns: np.ndarray, times: np.ndarray, places: np.ndarray, tolerance: float
+) -> np.ndarray:
+    """Determine whether every waypoint at which the drive turns is a vertex of the path, for each period, (K,)."""
     slope = np.diff(places, axis=0) / np.diff(times)[:, None]
     turns = np.flatnonzero(np.abs(np.diff(slope, axis=0)).max(axis=1, initial=0.0) > tolerance) + 1
     at = begins_ns[:, None] + times[turns] * NS
     near = np.clip(np.searchsorted(path.time_ns, at), 1, path.time_ns.size - 1)
     apart = np.minimum(np.abs(path.time_ns[near] - at), np.abs(path.time_ns[near - 1] - at))
-    right = np.asarray(((apart <= _INSTANT_NS) | ~moved[near - 1]).all(axis=1)) & (ends_there | held)
-    right &= path.time_ns[vertex] < good_ns
-    return [begin, *vertex[: np.append(right, False).argmin()].tolist()]
+    return np.asarray(((apart <= _INSTANT_NS) | ~moved[near - 1]).all(axis=1))
 
 
 def _find_recurrence(path: CommandPath) -> list[Stretch]:
@@ -217,17 +223,7 @@ def _marks(place: np.ndarray, tolerance: float) -> np.ndarray:
 def _longest_repetition(marks: np.ndarray) -> tuple[int, int, int]:
     """Find begin, period and number of periods of the longest repetition, of equally long ones the shortest; else 0."""
     best, covered = (0, 0, 0), 0
-    # list the most frequent distances between equal marks, the shortest first
-    order = np.argsort(marks, kind="stable")
-    counts: dict[int, int] = {}
-    for ahead in range(1, 6):
-        gap = order[ahead:] - order[:-ahead]
-        gap = gap[marks[order[ahead:]] == marks[order[:-ahead]]]
-        values, times = np.unique(gap, return_counts=True)
-        for i in np.argsort(-times, kind="stable")[:40]:
-            counts[int(values[i])] = max(counts.get(int(values[i]), 0), int(times[i]))
-    often = sorted(counts, key=lambda p: (-counts[p], p))[:40]
-    for period in sorted(often):
+    for period in _possible_periods(marks):
         same = np.concatenate(([False], marks[period:] == marks[:-period], [False]))
         edges = np.flatnonzero(np.diff(same.astype(np.int8)))
         begins, lengths = edges[::2], edges[1::2] - edges[::2]
@@ -239,3 +235,17 @@ def _longest_repetition(marks: np.ndarray) -> tuple[int, int, int]:
             covered = int(lengths[longest]) + period
             best = int(begins[longest]), period, count
     return best
+
+
+def _possible_periods(marks: np.ndarray, most: int = 40) -> list[int]:
+    """List the most frequent distances between equal marks, the shortest first."""
+    order = np.argsort(marks, kind="stable")
+    counts: dict[int, int] = {}
+    for ahead in range(1, 6):
+        gap = order[ahead:] - order[:-ahead]
+        gap = gap[marks[order[ahead:]] == marks[order[:-ahead]]]
+        values, times = np.unique(gap, return_counts=True)
+        for i in np.argsort(-times, kind="stable")[:most]:
+            counts[int(values[i])] = max(counts.get(int(values[i]), 0), int(times[i]))
+    often = sorted(counts, key=lambda p: (-counts[p], p))[:most]
+    return sorted(often)

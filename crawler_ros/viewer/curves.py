@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.components import LinkAxis
 
 from crawler_model import Scene
+from crawler_model.body.body import Body
 from crawler_model.body.names import name_joints
 from crawler_model.body.turning import measure_angles, wrap
 from crawler_model.run.table import unit_of_command
@@ -103,10 +104,7 @@ class Curves:
         unit = _RESOLUTION * self._length
         log("net_translation", rr.Scalars(np.atleast_1d(np.round(y / unit) * unit)))
         if body_turns(self._scene):
-            # compute the yaw of a body that turns, counting whole turns
-            assert self._scene.body.turning is not None
-            now = float(measure_angles(place, self._scene.body.turning.heading[None])[0])
-            self._yaw = self._yaw + float(wrap(np.array(now - self._yaw)))
+            self._yaw = follow_yaw(self._scene.body, place, self._yaw)
             log("yaw", rr.Scalars([self._yaw]))
         least, most = stasis_bounds(frame.tension, frame.forward, frame.backward) if self.bounded else (None, None)
         if self._links is not None:
@@ -201,6 +199,22 @@ class Curves:
 def body_turns(scene: Scene) -> bool:
     """Return whether the body of a scene turns, so that there is a yaw to draw."""
     return scene.body.turning is not None
+
+
+def follow_yaw(body: Body, place: np.ndarray, before: float) -> float:
+    """Compute the yaw of a body that turns, counting whole turns.
+
+    Args:
+        body: the body.
+        place: positions of its points, shape (N, 2) [m].
+        before: the yaw in the frame before [rad].
+
+    Returns:
+        The yaw nearest to it [rad].
+    """
+    assert body.turning is not None
+    now = float(measure_angles(place, body.turning.heading[None])[0])
+    return before + float(wrap(np.array(now - before)))
 
 
 def _width(rows: int) -> float:

@@ -17,6 +17,7 @@ from crawler_model.scene.scene import Scene
 from ..fit.fit import Fit
 from ..fit.misfit import Misfit
 from ..fit.problem import Problem
+from ..fit.space import Space
 from ..measurements import interpolate_rows
 from ..replica.changes import Change
 from ..replica.replica import Replica
@@ -98,11 +99,7 @@ def _test_changes(problem: Problem, fit: Fit, width: np.ndarray) -> list[Explana
             break
         if subject not in subjects:
             subjects.add(subject)
-            # find the parameters that a change of this effect on the residuals would move beyond their intervals
-            step = -np.linalg.lstsq(base.jacobian, amount * column, rcond=1e-8)[0][: width.size]
-            coordinates = fit.unknowns[: width.size]
-            values = problem.space.to_values(coordinates + np.clip(step, -1.0, 1.0) * np.isfinite(width))
-            moved = {problem.space.names[p]: float(values[p]) for p in np.flatnonzero(np.abs(step) > width)}
+            moved = _find_moved(problem.space, fit, base.jacobian, amount * column, width)
             kept.append(Explanation(_describe(name, amount), amount, gain / base.cost, moved))
     return kept
 
@@ -155,6 +152,16 @@ def _find_basis(jacobian: np.ndarray) -> np.ndarray:
     seen = size > 1e-12 * size.max(initial=0.0)
     left, values, _ = np.linalg.svd(jacobian[:, seen] / size[seen], full_matrices=False)
     return left[:, values > 1e-8 * values[0]] if values.size else left
+
+
+def _find_moved(
+    space: Space, fit: Fit, jacobian: np.ndarray, effect: np.ndarray, width: np.ndarray
+) -> dict[str, float]:
+    """Find the parameters that a change of this effect on the residuals would move beyond their intervals."""
+    step = -np.linalg.lstsq(jacobian, effect, rcond=1e-8)[0][: width.size]
+    coordinates = fit.unknowns[: width.size]
+    values = space.to_values(coordinates + np.clip(step, -1.0, 1.0) * np.isfinite(width))
+    return {space.names[p]: float(values[p]) for p in np.flatnonzero(np.abs(step) > width)}
 
 
 def _differentiate(problem: Problem, unknowns: np.ndarray) -> Iterator[tuple[list[str], np.ndarray]]:

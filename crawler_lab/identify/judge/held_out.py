@@ -69,9 +69,7 @@ def score_held_out(
         deviation = np.sqrt(_find_variance(problem, fit, i, covariance) + moved**2)
         all_residuals[i], deviations[i] = error, deviation
         errors.append(error[out])
-        # select the residuals of rows that were held out, without single outliers, which no model predicts
-        found = [column[rows] for column, rows in zip((error / deviation).T, out.T, strict=True) if rows.any()]
-        scaled.append(np.concatenate([values[~find_spikes(values, 1.0)] for values in found]))
+        scaled.append(_without_spikes(error / deviation, out))
         gains += _find_gain_errors(measured.values, error, out[:, measured.on_ground].all(axis=1), measured.on_ground)
         row, column = np.unravel_index(int(np.where(out, np.abs(error / deviation), 0.0).argmax()), out.shape)
         if abs(error[row, column] / deviation[row, column]) > largest:
@@ -102,6 +100,12 @@ def _compute_at_bounds(problem: Problem, fit: Fit, parameters: Sequence[Paramete
     values = problem.space.to_values(fit.unknowns[: len(parameters)])
     values[list(bounds)] = list(bounds.values())
     return problem.compute(np.concatenate((problem.space.to_coordinates(values), fit.unknowns[len(parameters) :])))
+
+
+def _without_spikes(scaled: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Select the residuals of rows that were held out, without single outliers, which no model predicts."""
+    found = [column[rows] for column, rows in zip(scaled.T, out.T, strict=True) if rows.any()]
+    return np.concatenate([values[~find_spikes(values, 1.0)] for values in found])
 
 
 def _find_variance(problem: Problem, fit: Fit, i: int, covariance: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ The fit chooses one of these, for which some frictions keep their values; every 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,9 +83,7 @@ def find_sums(
     free = [p for p in range(count) if p not in structure.kept | structure.unseen]
     any_start, known_start = (find_null(problem, fit, free, known) for known in (False, True))
     found: dict[int, Sum] = {}
-    place = {name: p for p, name in enumerate(space.names)}
-    pairs = ((p, place.get(name.replace("forward", "backward"))) for name, p in place.items() if "forward" in name)
-    for p, q in [(p, q) for p, q in pairs if q is not None]:
+    for p, q in _pair(space.names):
         if {p, q} <= weak:
             gradient = np.zeros(count)
             gradient[[p, q]] = slope[[p, q]]
@@ -103,3 +101,10 @@ def find_sums(
                 least = float(values[seen] + bound[0])
                 found[seen], found[held] = (Sum(other, least, least, None) for other in (held, seen))
     return found
+
+
+def _pair(names: Sequence[str]) -> list[tuple[int, int]]:
+    """List the forward frictions with the backward ones of the same contact."""
+    place = {name: p for p, name in enumerate(names)}
+    pairs = ((p, place.get(name.replace("forward", "backward"))) for name, p in place.items() if "forward" in name)
+    return [(p, q) for p, q in pairs if q is not None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -119,27 +119,10 @@ def identify_command(
     from ...identify.identify import identify
 
     _check_files(recordings, out, png, html, force)
-    if offset not in (None, "none", "frame", "each"):
-        raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
-    chosen: Any = offset
-    known, loaded = parse_sensor(sensor or ()), load_scene(scene)
+    chosen, known, loaded = _parse_offset(offset), parse_sensor(sensor or ()), load_scene(scene)
     keys = split_keys(fit)
     limits = parse_bounds("--bounds", bounds or ())
-    # parse the options that apply only to tables into arguments of `read_table`
-    for option, given in (("--columns", columns), ("--units", units), ("--commands", commands)):
-        other = next((path for path in recordings if not _is_table(path)), None)
-        if given and other is not None:
-            if not other.exists():
-                raise CrawlerError(f"{other}: no such file")
-            names = ", ".join(_TABLES)
-            raise CrawlerError(f"{option}: {other} is a recording; the option applies only to tables: {names}")
-    if commands is not None and not _is_table(commands):
-        raise CrawlerError(f"--commands: {commands} is not a table; its name must end in one of {', '.join(_TABLES)}")
-    described = {
-        "columns": parse_columns(columns or ()),
-        "units": SI if units is None else parse_units(units),
-        "commands": commands,
-    }
+    described = _describe_tables(recordings, columns, units, commands)
     topics = _parse_topics(topic or ())
     measured = [one for path in recordings for one in _read(path, loaded, topics, described)]
     with progress_bar("identifying") as progress:
@@ -149,6 +132,12 @@ def identify_command(
         raise typer.Exit(130)
     if not found.model_fits:
         raise CrawlerError(f"the model does not fit: {found.where}")
+
+
+def _parse_offset(offset: str | None) -> Literal["none", "frame", "each"] | None:
+    if offset not in (None, "none", "frame", "each"):
+        raise CrawlerError(f"--offset: {offset}; it must be none, frame or each")
+    return offset  # type: ignore[return-value]
 
 
 def _check_files(
@@ -196,6 +185,26 @@ def _parse_topics(texts: Sequence[str]) -> dict[str, str]:
             raise CrawlerError(f"--topic {text}: write NAME=RECORDED with NAME one of {', '.join(_TOPICS)}")
         found[name] = recorded
     return found
+
+
+def _describe_tables(
+    recordings: Sequence[Path], columns: Sequence[str] | None, units: str | None, commands: Path | None
+) -> dict[str, Any]:
+    """Parse the options that apply only to tables into arguments of `read_table`."""
+    for option, given in (("--columns", columns), ("--units", units), ("--commands", commands)):
+        other = next((path for path in recordings if not _is_table(path)), None)
+        if given and other is not None:
+            if not other.exists():
+                raise CrawlerError(f"{other}: no such file")
+            names = ", ".join(_TABLES)
+            raise CrawlerError(f"{option}: {other} is a recording; the option applies only to tables: {names}")
+    if commands is not None and not _is_table(commands):
+        raise CrawlerError(f"--commands: {commands} is not a table; its name must end in one of {', '.join(_TABLES)}")
+    return {
+        "columns": parse_columns(columns or ()),
+        "units": SI if units is None else parse_units(units),
+        "commands": commands,
+    }
 
 
 def _is_table(path: Path) -> bool:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
 from crawler_command.pages import takes_page
 from crawler_command.screen import PICTURES, ForceOption, SceneArgument, check_output, screen, whole_file
+
+if TYPE_CHECKING:
+    from ...identify.forecast.predict import Forecast
 
 
 @takes_page
@@ -55,7 +58,17 @@ def predict_command(
     if as_json:
         print(json.dumps(found.summary(), allow_nan=False))
         return
-    # build the table of predicted numbers, with a row for each
+    screen.print(_tabulate_forecast(found))
+    for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
+        screen.print(line)
+    if found.inertia is not None:
+        screen.print(found.inertia.describe(found.scene.body))
+    if png is not None:
+        screen.print(f"picture: {png}")
+
+
+def _tabulate_forecast(found: Forecast) -> Table:
+    """Build the table of predicted numbers, with a row for each."""
     table = Table(title=f"{found.scene.name}: prediction", title_justify="left")
     for name in ("", "value", "95 % band", "unit"):
         table.add_column(name)
@@ -65,10 +78,4 @@ def predict_command(
         rows += [(f"gain {run}", found.run_gain, "m"), (f"energy {run}", found.run_energy, "J")]
     for name, band, unit in rows:
         table.add_row(name, f"{band.value:.6g}", f"{band.low:.6g} .. {band.high:.6g}", unit)
-    screen.print(table)
-    for line in (*(one.why for one in found.depends_on_bounds), *found.notes):
-        screen.print(line)
-    if found.inertia is not None:
-        screen.print(found.inertia.describe(found.scene.body))
-    if png is not None:
-        screen.print(f"picture: {png}")
+    return table

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from ...identify.fit.misfit import FITS, Misfit
 from ...identify.identification import Identification
+from ...identify.judge.explain import Explanation
 from ...identify.judge.held_out import HeldOut
 from ...identify.judge.sensors import SensorNumber
 from ...identify.judge.verdicts import Parameter
@@ -104,6 +105,19 @@ def _list_misfits(misfits: Sequence[Misfit]) -> _Listing:
     return _Listing("Residuals", heads, tuple(rows))
 
 
+def _list_explanations(explanations: Sequence[Explanation]) -> _Listing:
+    """List changes of the model that would explain a misfit."""
+    rows = [
+        (
+            f"{100.0 * one.explained:.0f} %",
+            one.what,
+            ", ".join(f"{name} to {value:.4g}" for name, value in one.moved.items()) or "nothing beyond its interval",
+        )
+        for one in explanations
+    ]
+    return _Listing("What would explain the misfit", ("explains", "change", "would move"), tuple(rows))
+
+
 def _list_score(score: HeldOut | None) -> _Listing:
     """List how well the rows held out are predicted: one row, or none if no row was held out."""
     heads = ("residual, mm", "within 95 % bands", "in predicted deviations", "net translation", "largest")
@@ -137,13 +151,18 @@ def _describe_misfit(found: Identification) -> list[str]:
         lines.append(found.rate.describe())
     if found.inertia is not None:
         lines.append(found.inertia.describe(found.scene.body))
-    exact = all(one.value == 0.0 and one.verdict == "held" for one in found.sensors if one.name == "gain")
-    if exact and any(p.name.startswith("friction") and p.verdict == "identified" for p in found.parameters):
+    if _rests_on_gain(found):
         lines.append(
             "forces hold for actuators that move exactly as commanded: 1 % of gain is 1 % of every friction "
             "(--sensor gain=1% carries it through)"
         )
     return lines
+
+
+def _rests_on_gain(found: Identification) -> bool:
+    """Determine whether friction was found from commands whose gain was taken for exact."""
+    exact = all(one.value == 0.0 and one.verdict == "held" for one in found.sensors if one.name == "gain")
+    return exact and any(p.name.startswith("friction") and p.verdict == "identified" for p in found.parameters)
 
 
 def _print_listing(listing: _Listing, console: Console) -> None:
@@ -219,19 +238,10 @@ def write_page(found: Identification, picture: Path, path: Path) -> None:
         for line in [*_describe_misfit(found), *found.warnings]
     )
     misfits = _list_misfits(found.misfits)
-    # list changes of the model that would explain a misfit
-    rows = [
-        (
-            f"{100.0 * one.explained:.0f} %",
-            one.what,
-            ", ".join(f"{name} to {value:.4g}" for name, value in one.moved.items()) or "nothing beyond its interval",
-        )
-        for one in found.explanations
-    ]
     parts = (
         _write_table(_list_parameters(found.parameters, "Parameters")),
         f"<h2>Fit</h2>\n{lines}",
-        _write_table(_Listing("What would explain the misfit", ("explains", "change", "would move"), tuple(rows))),
+        _write_table(_list_explanations(found.explanations)),
         _write_table(_list_score(found.score)),
         _write_table(_list_sensors(found.sensors, "The measurement")),
         _write_table(misfits) + (f"<p>{_PHASES}</p>\n" if misfits.rows else ""),

@@ -45,13 +45,7 @@ def print_replay(replay: Replay, screen: Console) -> None:
     _print_jumps(replay, screen)
     _print_limits(replay, screen)
     _print_account(replay, screen)
-    longest = sorted(replay.rests, key=lambda rest: rest.since - rest.until)[:_MOST_RESTS]
-    for rest in sorted(longest, key=lambda rest: (rest.run, rest.since)):
-        screen.print((f"run {rest.run}: " if rest.run else "") + rest.explain())
-    if len(replay.rests) > _MOST_RESTS:
-        screen.print(f"{len(replay.rests) - _MOST_RESTS} shorter rest(s)")
-    if replay.standstill is not None:
-        screen.print(replay.standstill.explain())
+    _print_rests(replay, screen)
     _print_incidents(replay, screen)
     for problem in replay.problems:
         screen.print(f"[yellow]problem:[/] {problem}")
@@ -164,6 +158,16 @@ def _print_limits(replay: Replay, screen: Console) -> None:
         return
     longest = [text for seconds, text in sorted(times, key=lambda entry: -entry[0])[:_MOST_CONTACTS] if seconds > 0.0]
     screen.print(f"at limits of tension: {', '.join(longest) or 'no link'}")
+
+
+def _print_rests(replay: Replay, screen: Console) -> None:
+    longest = sorted(replay.rests, key=lambda rest: rest.since - rest.until)[:_MOST_RESTS]
+    for rest in sorted(longest, key=lambda rest: (rest.run, rest.since)):
+        screen.print((f"run {rest.run}: " if rest.run else "") + rest.explain())
+    if len(replay.rests) > _MOST_RESTS:
+        screen.print(f"{len(replay.rests) - _MOST_RESTS} shorter rest(s)")
+    if replay.standstill is not None:
+        screen.print(replay.standstill.explain())
 
 
 def _print_incidents(replay: Replay, screen: Console) -> None:

@@ -57,6 +57,11 @@ class Walk:
     error: float
     turned: np.ndarray | None = None
 
+    @property
+    def cycle_s(self) -> float:
+        """Simulated time that the last cycle lasted [s]."""
+        return float(self.ends[-1] - self.starts[-1])
+
     def as_plain(self) -> dict[str, Any]:
         """Convert to the values that `crawler compare --json` prints.
 
@@ -178,7 +183,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
     table = Table("run", *(Column(name, justify="right") for name in columns), title=title, title_justify="left")
     size = max(walk.size for walk in walks)
     for walk in walks:
-        gain, cycle = walk.gains[-1], float(walk.ends[-1] - walk.starts[-1])
+        gain, cycle = walk.gains[-1], walk.cycle_s
         alike = walk is not first and gain.size == first.gains.shape[1]
         energies = [
             "" if np.isnan(part[-1]) else write_energy(float(part[-1]), abs(float(walk.work[-1])))
