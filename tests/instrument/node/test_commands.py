@@ -229,6 +229,21 @@ def test_trajectories_join_the_path_as_defined(seed):
         path.pass_waypoints(TICK * np.arange(tick, tick + 2), np.zeros(2))
 
 
+@pytest.mark.parametrize("due", [-TICK, 0, 1, TICK - 1, TICK])
+@pytest.mark.parametrize("row", [[0.0, 1.0], [-0.0, 1.0], [0.0, 2.0]])
+def test_a_single_waypoint_is_passed_as_the_kernel_passes_several(due, row):
+    in_force, times = np.array([0.0, 1.0]), np.array([0, TICK])
+    alone, followed = CommandedPath(Vertex(-TICK, in_force)), CommandedPath(Vertex(-TICK, in_force))
+    alone.replace(-2 * TICK, [Vertex(due, np.array(row))])
+    followed.replace(-2 * TICK, [Vertex(due, np.array(row)), Vertex(due, np.array(row))])  # the second one repeats it
+    for found, expected in zip(
+        alone.pass_waypoints(times, in_force), followed.pass_waypoints(times, in_force), strict=True
+    ):
+        assert np.array(found).tobytes() == np.array(expected).tobytes()
+    assert alone.ahead == followed.ahead == []
+    assert (alone.anchor.due_ns, alone.anchor.row.tolist()) == (followed.anchor.due_ns, followed.anchor.row.tolist())
+
+
 def vertices_read(count):
     """How many times the due times of vertices are read while trajectories of ten points join in one tick."""
     read = 0
