@@ -160,7 +160,6 @@ def note_arrival(parameters, piece, closing, fastest):
             terms = parameter.d_size / closing + parameter.place_size
             if abs(parameter.d_slack / closing - parameter.d_place) > SAME * terms:
                 piece.ended = TIE
-                parameter.swaps = True
     if closing > fastest:
         for c in range(parameters.shape[0]):
             parameter = parameters[c]
@@ -203,7 +202,7 @@ def look_at_bounds(system, derivative, commands, piece):
     for c in range(parameters.shape[0]):
         parameter = parameters[c]
         parameter.d_place = parameter.place_size = 0.0
-        parameter.swaps = parameter.moves = False
+        parameter.moves = False
     fastest = 0.0
     for i in range(n):
         contact = contacts[i]

@@ -62,7 +62,6 @@ PARAMETER = np.dtype(
     [
         ("d_place", _FLOAT),  # derivative of the place of the last event on its ramp
         ("place_size", _FLOAT),  # size of the terms whose difference it is
-        ("swaps", np.bool_),  # whether the parameter changes the order of events there
         ("moves", np.bool_),  # whether an event there depends on it
         ("one_sided", np.bool_),  # output: whether the derivative is one-sided
         ("d_slack", _FLOAT),  # memory: derivative of the distance of a force from its bound [N]

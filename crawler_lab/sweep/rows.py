@@ -13,7 +13,7 @@ from crawler_model.run.account import Energy, Total, average_displacement
 from crawler_model.run.screw import gain_in_frame
 from crawler_model.run.transport import body_lengths, cost_of_transport, supporting_force
 
-NOT_RUN, DONE, INVALID = 0, 1, 2
+DONE, INVALID = 1, 2  # 0 where it has not run
 LENGTHS = ("net_translation", "gained", "per_period", "settling")
 FORCES = ("work", "dissipation", "stored", "residual", "violation", "visited_margin")
 COMPARED = ("period_work", "period_dissipation", "cost_of_transport", "body_lengths")
