@@ -14,7 +14,7 @@ from .advance import place_of
 from .clusters import enter_cluster, find_cluster, find_span, wake_all
 from .ground.bounds import enter_ground
 from .ground.couplings import couplings_of, follow_couplings, is_coupled, place_couplings
-from .ground.gradual import is_gradual
+from .ground.gradual import is_gradual, profile_of
 from .ground.steps import enter_end
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
@@ -254,6 +254,15 @@ def _find_stretch(contacts, springs, model, clusters, ramp, i):
 
 
 @inlined
+def _find_gradual_stretch(contacts, springs, model, profile, ramp, i):
+    """Find the block around contact i of a chain on gradual ground, which has no guards; returns its number of rows."""
+    if profile is None:
+        return 0
+    ramp.search.reach = contacts.shape[0]
+    return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
+
+
+@inlined
 def passes_guard(contacts, block, ramp, count):
     """Let a guard of a solved block slide, and find out if one does: the block has to be found anew, further beyond it.
 
@@ -351,6 +360,8 @@ def find_block(contacts, springs, model, matrix, ramp, i):
         return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
     if is_coupled(couplings_of(model.ground)):
         return _find_whole(contacts, springs, model, ramp)
+    if is_gradual(model.ground) and ramp.search.chain and not ramp.stepping:
+        return _find_gradual_stretch(contacts, springs, model, profile_of(model.ground), ramp, i)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, model.clusters, ramp, i)
     if count == 0 and wake_all(contacts, springs, model.clusters, ramp):
         ramp.search.block += 1

@@ -12,7 +12,7 @@ from ...compiled import inlined, lean
 from ...rounding import CRITICAL, NOISE
 from .dense import decompose, substitute
 from .ground.couplings import add_growth, couplings_of, restore_limits
-from .ground.gradual import force_of, stiffness_of
+from .ground.gradual import force_of, profile_of, stiffness_of
 from .path import limit_of
 
 
@@ -162,6 +162,103 @@ def _correct(contacts, springs, model, matrix, count):
         block[r].v += block[r].rough
 
 
+@inlined
+def _find_pulls(springs, block, ground, count):
+    """Enter the springs of a path in its rows, each contact that slides eliminated into the next one, and all pulls."""
+    to_ground = joined = part = 0.0
+    for r in range(count):
+        e, behind = block[r], block[r + 1]
+        if e.side == 0:
+            joined = 0.0
+            continue
+        near = springs[e.spring].stiffness if e.spring >= 0 else 0.0
+        far = springs[behind.spring].stiffness if behind.spring >= 0 else 0.0
+        slides = r + 1 < count and behind.side != 0
+        e.ground = stiffness_of(e, ground)
+        e.pull = e.load - limit_of(e)
+        if not slides:
+            e.ground += far
+        if joined == 0.0:
+            e.ground += near
+        else:
+            e.ground += part * to_ground
+        to_ground, joined = e.ground, far if slides else 0.0
+        e.ground += joined
+        part = joined / e.ground
+        e.joined, e.part = joined, part
+
+
+@inlined
+def _sweep(block, count):
+    """Find the velocities that the pulls on a path lead to, after elimination; returns the largest one."""
+    part = pull = most = v = 0.0
+    for r in range(count):
+        e = block[r]
+        if e.side == 0:
+            part = 0.0
+            continue
+        e.pull += part * pull
+        part, pull = e.part, e.pull
+    for r in range(count - 1, -1, -1):
+        e = block[r]
+        v = (e.pull + e.joined * v) / e.ground if e.side != 0 else 0.0
+        e.v = v
+        most = max(most, abs(v))
+    return most
+
+
+@inlined
+def _solve_chain(springs, block, ground, profile, ramp, count):
+    """Solve a path of a chain on gradual ground, as `solve_mesh`; `flow` of each row is then set, not those of ends.
+
+    Returns:
+        Whether it is one.
+    """
+    if profile is None:
+        return False
+    if ramp.search.path == 0:
+        return False
+    _find_pulls(springs, block, ground, count)
+    most = _sweep(block, count)
+    moves, v = 0.0 if ramp.fall.falling else 1.0, 0.0
+    for r in range(count + 1):
+        e = block[r]
+        e.flow, e.rough = 0.0, e.v if r < count else 0.0
+        if e.spring >= 0:
+            e.flow = springs[e.spring].stiffness * _difference(e.rough, v, moves * springs[e.spring].d_length)
+        v = e.rough
+    for r in range(count):
+        e = block[r]
+        e.pull = block[r + 1].flow - e.flow
+        if e.side != 0:
+            e.pull -= force_of(e, ground)
+    _sweep(block, count)
+    v = 0.0
+    for r in range(count + 1):
+        e = block[r]
+        own = e.v if r < count else 0.0
+        if e.spring >= 0:
+            e.flow += springs[e.spring].stiffness * (own - v)
+        v = own
+    for r in range(count):
+        e = block[r]
+        e.v += e.rough
+        if e.side != 0:
+            if abs(e.v) <= NOISE * most or (e.v * e.side < 0.0 and abs(e.v) <= CRITICAL * most):
+                e.v = 0.0
+            e.force = force_of(e, ground)
+    for r in range(count):
+        e, behind = block[r], block[r + 1]
+        if e.side == 0:
+            e.force = behind.flow - e.flow
+            e.scale = abs(e.load)
+            if behind.spring >= 0 and r + 1 < count:
+                e.scale += abs(springs[behind.spring].stiffness * behind.v)
+            if r > 0:
+                e.scale += abs(springs[e.spring].stiffness * block[r - 1].v)
+    return True
+
+
 @lean
 def solve_mesh(contacts, springs, model, matrix, ramp, count):
     """Solve for the velocities of the sliding contacts of a block and the rates of the forces on its contacts at rest.
@@ -177,6 +274,8 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
     if matrix is None:
         return True
     block, ends = model.block, model.ends
+    if _solve_chain(springs, block, model.ground, profile_of(model.ground), ramp, count):
+        return True
     if not _prepare(contacts, springs, model, couplings_of(model.ground), count):
         return False
     most = _find_velocities(block, matrix, couplings_of(model.ground), count)

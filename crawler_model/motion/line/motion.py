@@ -242,6 +242,7 @@ class LineMotion:
         ramps["search"]["projects_after"], ramps["search"]["patience"] = build.PROJECTS_AFTER, build.PATIENCE
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         couplings = build.build_couplings(self.body, self.track)
+        ramps["search"]["chain"] = self.body.is_chain and couplings is None
         gradual = self.track is not None and self.track.profile is not None
         memory = build.build_memory(self.body, gradual, couplings is not None)
         falls = () if self.track is None else build.build_falls(self.body)

@@ -14,7 +14,7 @@ from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
 from .clusters import wake_turning
 from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
-from .ground.gradual import holds
+from .ground.gradual import holds, is_gradual
 from .ground.unstable import is_stable, search_sides, turns_unstable
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
@@ -189,6 +189,7 @@ def find_sides(contacts, springs, model, ramp, count):
     """
     block = model.block
     best, waited, last_only = count + 1, 0, False
+    follows_path = ramp.search.path > 0 and not is_gradual(model.ground)
     hurries = ramp.search.hurries != 0 and ramp.search.path == 0  # the search begins elsewhere if it takes long
     patience = ramp.search.patience if hurries else ramp.search.patience + count
     projects_after = 0 if ramp.stepping else ramp.search.projects_after
@@ -203,7 +204,7 @@ def find_sides(contacts, springs, model, ramp, count):
     for turn in range(50 + 10 * count):
         ramp.effort += count
         # a long path starts from its projection, which is solved in linear time
-        if turn == projects_after and ramp.search.path > 0:
+        if turn == projects_after and follows_path:
             if _is_loose(ramp, block, model.curves, count):
                 return False
             project(model, ramp, count)
@@ -218,7 +219,7 @@ def find_sides(contacts, springs, model, ramp, count):
             side = block[brake].side
             block[brake].side = 0
         # velocities of those that slide, forces on those that rest
-        if ramp.search.path > 0:
+        if follows_path:
             solve_path(block, count)
         elif not solve_mesh(contacts, springs, model, model.matrix, ramp, count):
             break

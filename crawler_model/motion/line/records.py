@@ -189,7 +189,7 @@ BLOCK = np.dtype(
         ("v", _FLOAT),  # velocity that is found [m]
         ("force", _FLOAT),  # rate of the force that is found [N]
         ("scale", _FLOAT),  # scale of the rounding of that rate [N]
-        # of the spring before the contact, where the block is a path
+        # of the spring before the contact, where the block is a path; the row behind the last has the spring behind it
         ("spring", _INT),  # -1 if there is none
         ("sign", _FLOAT),  # 1 if the spring points along the path
         ("trial", _FLOAT),  # rate of its tension if no contact moves [N]
@@ -201,6 +201,8 @@ BLOCK = np.dtype(
         ("ahead", _FLOAT),  # stiffness of gradual ground, if the contact slides forward [N/m]
         ("behind", _FLOAT),  # likewise, backward [N/m]
         ("tried", _BYTE),  # side in the solution that a search of all sides found first
+        ("joined", _FLOAT),  # stiffness of the spring to the next row, if both slide [N/m]
+        ("part", _FLOAT),  # part of what the contact adds that the next one bears [1]
         ("pull", _FLOAT),  # force that the sliding contact adds [N]
         ("rough", _FLOAT),  # velocity before its correction [m]
         ("before", _FLOAT),  # velocity along the chord, see `ground.turns` [m]
@@ -267,6 +269,7 @@ SEARCH = np.dtype(
         ("rows", _INT),  # number of its rows
         ("anchored", _BYTE),  # whether contacts at rest next to the present block hold it
         ("loose", _INT),  # 1 + a contact of a block that nothing holds; < 0 if that slides backward, 0 if there is none
+        ("chain", _BYTE),  # whether blocks on gradual ground are paths of a chain, except in an implicit step
         ("path", _INT),  # number of contacts of the present block if it is a path, else 0
         ("before", _INT),  # contacts at rest next to the path, -1 where it ends
         ("behind", _INT),
@@ -453,7 +456,7 @@ class Model(NamedTuple):
     matrix: Any
     """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
     blocks are paths: nothing of other blocks is compiled, and for other bodies no guards of blocks. On
-    gradual ground no block is followed as a path, and chains have a matrix, too. With couplings it has shape (N, N)."""
+    gradual ground chains have a matrix, too, for implicit steps. With couplings it has shape (N, N)."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

@@ -43,6 +43,8 @@ def _begin_chords(feet, profile, ramp):
     most = 0.0
     for i in range(feet.shape[0]):
         f = feet[i]
+        if f.d_forward == 0.0 and f.d_backward == 0.0 and f.d_load == 0.0:
+            continue
         for friction, change in (
             (f.forward + f.load, f.d_forward + f.d_load),
             (f.backward - f.load, f.d_backward - f.d_load),

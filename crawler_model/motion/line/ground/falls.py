@@ -74,7 +74,7 @@ def find_due(contacts, block, ground, ramp, count):
         return False
     for j in range(count):
         i = block[j].contact
-        if is_due(contacts[i], ground, ramp, i):
+        if contacts[i].v != 0.0 and is_due(contacts[i], ground, ramp, i):
             return True
     return False
 
@@ -90,7 +90,7 @@ def find_due_at_end(contacts, ground, ramp):
         return False
     for j in range(ramp.fall.drawn if ramp.fall.falling else contacts.shape[0]):
         i = ground.drawn[j].contact if ramp.fall.falling else j
-        if is_due(contacts[i], ground, ramp, i):
+        if contacts[i].v != 0.0 and is_due(contacts[i], ground, ramp, i):
             return True
     return False
 

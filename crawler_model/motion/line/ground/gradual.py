@@ -41,6 +41,16 @@ def change_at(profile, side, stretch, p):
 
 
 @inlined
+def profile_of(ground):
+    """Find the profile of gradual ground.
+
+    Returns:
+        The profile; None without one.
+    """
+    return None if ground is None else ground.profile
+
+
+@inlined
 def is_gradual(ground):
     """Determine whether the ground changes gradually.
 

@@ -38,21 +38,36 @@ def is_stable(contacts, springs, model, ground, ramp, count):
 
 
 @inlined
+def _bound_compliance(block, ramp, count):
+    """Find a compliance that is at least the displacement of any contact of a block by a force on it.
+
+    Returns:
+        That of all springs of a path that something holds; infinite for other blocks [m/N].
+    """
+    if ramp.search.path == 0 or not ramp.search.anchored:
+        return np.inf
+    compliance = 0.0
+    for j in range(count + 1):
+        compliance += block[j].compliance
+    return compliance
+
+
+@inlined
 def _is_stable(contacts, springs, model, profile, ramp, count):
     if profile is None:
         return True
     if ramp.stepping:
         return True
-    block, falls = model.block, False
+    block, falls, compliance = model.block, 0.0, _bound_compliance(model.block, ramp, count)
     for j in range(count):
         e = block[j]
         e.tried = e.side
         up = e.ahead if e.upper < np.inf else np.inf
         down = e.behind if e.lower > -np.inf else np.inf
-        falls |= min(up, down) < 0.0
+        falls -= min(up, down, 0.0)
         e.side = 1 if up <= down else -1
     stable = True
-    if falls:
+    if falls > 0.0 and falls * compliance >= 0.5:
         eliminate(contacts, springs, model, model.matrix, count)
         for j in range(count):
             c, size = contacts[block[j].contact], abs(stiffness_of(block[j], model.ground))
@@ -92,13 +107,17 @@ def _turns_unstable(contacts, springs, model, ground, profile, ramp, count):
 
 
 @inlined
-def _fits(c, e, ends):
+def _fits(c, block, ends, ramp, j):
     """Determine whether a contact fulfils its condition; that of one at rest, within the rounding of its springs."""
+    e = block[j]
     if e.side != 0:
         return e.v * e.side > 0.0
     close = e.scale + e.blur
-    for k in range(c.first, c.last):
-        close += abs(ends[k].flow)
+    if ramp.search.path > 0:
+        close += abs(block[j + 1].flow) + abs(e.flow)
+    else:
+        for k in range(c.first, c.last):
+            close += abs(ends[k].flow)
     close *= _ROUNDING
     return e.lower - close <= e.force <= e.upper + close
 
@@ -152,7 +171,7 @@ def search_sides(contacts, springs, model, ground, ramp, count):
         fits = solve_mesh(contacts, springs, model, model.matrix, ramp, count)
         fits &= exchange_pieces(ground.couplings, False) == 0
         for j in range(count):
-            fits &= _fits(contacts[block[j].contact], block[j], model.ends)
+            fits &= _fits(contacts[block[j].contact], block, model.ends, ramp, j)
         if fits:
             found += 1
             for j in range(count):
