@@ -378,22 +378,3 @@ def tension_ranges(forward: ArrayLike, backward: ArrayLike) -> tuple[np.ndarray,
     behind_plus, behind_minus = np.cumsum(plus)[:-1], np.cumsum(minus)[:-1]
     ahead_plus, ahead_minus = np.cumsum(plus[::-1])[::-1][1:], np.cumsum(minus[::-1])[::-1][1:]
     return -np.minimum(behind_minus, ahead_plus), np.minimum(behind_plus, ahead_minus)
-
-
-def stasis_polygon(forward: ArrayLike, backward: ArrayLike) -> np.ndarray:
-    """Compute the stasis domain of three contacts: a triangle if one friction exceeds the two others, else more sides.
-
-    Args:
-        forward: mu_plus, shape (3,) [N].
-        backward: mu_minus, shape (3,) [N].
-
-    Returns:
-        Its vertices (T_0, T_1), anticlockwise, shape (V, 2) [N].
-
-    Raises:
-        ValueError: if there are not three contacts.
-    """
-    plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
-    if plus.shape != (3,) or minus.shape != (3,):
-        raise ValueError(f"forward, backward: shapes {plus.shape} and {minus.shape}; a polygon needs three contacts")
-    return StasisDomain(plus, minus).vertices()

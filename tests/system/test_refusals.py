@@ -14,7 +14,7 @@ from crawler_lab.play.session import Session
 from crawler_lab.springs.springs import fit_springs
 from crawler_lab.verbs.identify.options import parse_columns
 from crawler_model import CommandError, Crawler, CrawlerError, Scene, SceneError
-from crawler_model.theory.stasis import StasisDomain, stasis_polygon
+from crawler_model.theory.stasis import StasisDomain
 
 PAIR = {"name": "pair", "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}}, "friction": {"isotropic": 1.0}}
 DRIVE = {"drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [1], [0]]}}
@@ -94,7 +94,6 @@ REFUSED = [
         "forward: contact_0/direction_2 is -1; friction must be >= 0",
     ),
     (lambda: StasisDomain(ONES, ONES).vertices(), ValueError, "4 contacts: the domain has dimension 3; vertices are"),
-    (lambda: stasis_polygon(ONES, ONES), ValueError, "shapes (4,) and (4,); a polygon needs three contacts"),
     (lambda: sensitivities(pair(**DRIVE), [3]), SceneError, "sensitivities: 3; a key is a string, for example"),
     (
         lambda: vary(pair(), {"friction.isotropic": [1.0] * 10_000, "body.links.stiffness": [1.0] * 1001}, grid=True),

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from crawler_model.body.backlash import Backlash
+
 from ..replica.stepped import Dynamics
 from .seen import Seen
 
@@ -214,11 +216,8 @@ def _loosen(seen: Seen, width: float) -> Changed:
 
 def _play(rows: np.ndarray, half: float) -> np.ndarray:
     """Follow rows at a distance of at most `half`, from the middle."""
-    found, now, low, high = np.empty(rows.shape), rows[0].copy(), rows - half, rows + half
-    for k in range(rows.shape[0]):
-        now = np.minimum(np.maximum(now, low[k]), high[k])
-        found[k] = now
-    return found
+    every = np.arange(rows.shape[1])
+    return Backlash(every, np.full(every.size, half), np.zeros(every.size)).lead_along(rows[0], rows)
 
 
 def _harden(seen: Seen, cubic: float) -> Changed:

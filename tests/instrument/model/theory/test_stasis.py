@@ -19,7 +19,6 @@ from crawler_model.theory.stasis import (
     spring_force,
     stasis_bounds,
     stasis_margins,
-    stasis_polygon,
     tension_ranges,
 )
 
@@ -109,7 +108,7 @@ def test_the_tension_never_leaves_the_domain(driven):
     ("forward", "backward", "sides"), [(1.0, 1.0, 6), (1.0, 1.9, 6), (1.0, 2.1, 3), (2.1, 1.0, 3), (0.2, 0.5, 3)]
 )
 def test_three_equal_contacts_make_a_triangle_or_a_hexagon(forward, backward, sides):
-    corners = stasis_polygon([forward] * 3, [backward] * 3)
+    corners = StasisDomain([forward] * 3, [backward] * 3).vertices()
     assert len(corners) == sides
     for corner in corners:
         assert stasis_margins(corner, [forward] * 3, [backward] * 3).min() == pytest.approx(0.0, abs=1e-12)
@@ -134,7 +133,7 @@ def test_in_a_triangle_only_one_direction_is_possible_and_in_a_hexagon_both():
 @given(st.integers(0, 2**32 - 1))
 def test_ranges_are_the_projection_of_the_polygon(seed):
     forward, backward = np.random.default_rng(seed).uniform(0.1, 3, (2, 3))
-    corners = stasis_polygon(forward, backward)
+    corners = StasisDomain(forward, backward).vertices()
     least, most = tension_ranges(forward, backward)
     assert corners.min(axis=0) == pytest.approx(least)
     assert corners.max(axis=0) == pytest.approx(most)
@@ -145,11 +144,6 @@ def test_bounds_of_a_link_given_the_others():
     assert least == pytest.approx([-0.3, -0.2])
     assert most == pytest.approx([0.2, 0.3])
     assert stasis_margins([most[0], -0.1], [0.2] * 3, [0.5] * 3).min() == pytest.approx(0.0)
-
-
-def test_the_polygon_wants_three_contacts():
-    with pytest.raises(ValueError, match="three contacts"):
-        stasis_polygon([1, 1], [1, 1])
 
 
 @given(domains(st.integers(2, 3)) | loaded_domains(st.integers(2, 3)))
