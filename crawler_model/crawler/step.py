@@ -7,23 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..motion.account import (
-    AMBIGUOUS,
-    COMPLEMENTARITY,
-    DISSIPATION,
-    EVENTS,
-    GAIN_LEAST,
-    GAIN_MOST,
-    INTERNAL,
-    LOADS_WORK,
-    OVERSPENT,
-    RESIDUAL,
-    ROUNDING,
-    UNSOLVED,
-    VIOLATION,
-    VISITED,
-    WORK,
-)
+from ..motion import account as entries
 from ..motion.jump import Jump
 from ..notebook import write_html
 
@@ -64,27 +48,27 @@ class Step:
     @property
     def events(self) -> int:
         """Number of linear pieces of the solution."""
-        return int(self.account[EVENTS])
+        return int(self.account[entries.EVENTS])
 
     @property
     def work(self) -> float:
         """Work of the actuators [J]."""
-        return float(self.account[WORK])
+        return float(self.account[entries.WORK])
 
     @property
     def dissipation(self) -> float:
         """Energy lost to friction [J]."""
-        return float(self.account[DISSIPATION] + self.account[LOADS_WORK])
+        return float(self.account[entries.DISSIPATION] + self.account[entries.LOADS_WORK])
 
     @property
     def internal_dissipation(self) -> float:
         """Energy lost in springs with hysteresis [J]."""
-        return float(self.account[INTERNAL])
+        return float(self.account[entries.INTERNAL])
 
     @property
     def loads_work(self) -> float:
         """Work of the loads [J]."""
-        return float(self.account[LOADS_WORK])
+        return float(self.account[entries.LOADS_WORK])
 
     @property
     def jump_loss(self) -> float:
@@ -94,7 +78,7 @@ class Step:
     @property
     def unique(self) -> bool:
         """False if the translation was not determined on some stretch."""
-        return bool(self.account[AMBIGUOUS] == 0.0)
+        return bool(self.account[entries.AMBIGUOUS] == 0.0)
 
     @property
     def translation_interval(self) -> tuple[float, float] | None:
@@ -102,33 +86,35 @@ class Step:
         if self.velocity.ndim == 2:
             return None
         gain = float(self._share @ self.velocity)
-        return gain + float(self.account[GAIN_LEAST]), gain + float(self.account[GAIN_MOST])
+        return gain + float(self.account[entries.GAIN_LEAST]), gain + float(self.account[entries.GAIN_MOST])
 
     @property
     def certificate(self) -> Certificate:
         """How well the result satisfies the model."""
-        return Certificate(*self.account[[RESIDUAL, VIOLATION, COMPLEMENTARITY, ROUNDING]].tolist())
+        return Certificate(
+            *self.account[[entries.RESIDUAL, entries.VIOLATION, entries.COMPLEMENTARITY, entries.ROUNDING]].tolist()
+        )
 
     @property
     def visited_margin(self) -> float:
         """How close all contacts came to sliding at once [1]."""
-        return float(self.account[VISITED])
+        return float(self.account[entries.VISITED])
 
     @property
     def overspent(self) -> int:
         """Number of ramps in which the budget of work was exceeded and a catch-up step completed the ramp."""
-        return int(self.account[OVERSPENT])
+        return int(self.account[entries.OVERSPENT])
 
     @property
     def unsolved(self) -> int:
         """Number of ramps that were not solved: the certificate shows an error that is more than rounding."""
-        return int(self.account[UNSOLVED])
+        return int(self.account[entries.UNSOLVED])
 
     def _shown(self) -> list[str]:
         """List the attributes that describe the step."""
         names = ("events", "work", "dissipation", "velocity", "unique", "translation_interval", "certificate")
         return [*names, "visited_margin", "overspent", "unsolved", *(("jumps",) if self.jumps else ())] + (
-            ["internal_dissipation"] if self.account[INTERNAL] else []
+            ["internal_dissipation"] if self.account[entries.INTERNAL] else []
         )
 
     def __repr__(self) -> str:

@@ -10,19 +10,7 @@ import numpy as np
 from ..body.body import Body
 from ..body.plan import Plan
 from ..body.turning import TURNING_TOLERANCE
-from ..motion.account import (
-    AMBIGUOUS,
-    DISSIPATION,
-    EVENTS,
-    INTERNAL,
-    LOADS_WORK,
-    OVERSPENT,
-    RESIDUAL,
-    UNSOLVED,
-    VIOLATION,
-    VISITED,
-    WORK,
-)
+from ..motion import account as entries
 
 
 @dataclass(frozen=True)
@@ -135,18 +123,18 @@ class Total:
             account: account of these ramps, shape (15,), of M runs (M, 15).
             jump_loss: energy lost in jumps on them [J].
         """
-        self.work = self.work + account[..., WORK]
-        self.dissipation = self.dissipation + (account[..., DISSIPATION] + account[..., LOADS_WORK])
-        self.loads_work = self.loads_work + account[..., LOADS_WORK]
+        self.work = self.work + account[..., entries.WORK]
+        self.dissipation = self.dissipation + (account[..., entries.DISSIPATION] + account[..., entries.LOADS_WORK])
+        self.loads_work = self.loads_work + account[..., entries.LOADS_WORK]
         self.jump_loss += jump_loss
-        self.internal_dissipation = self.internal_dissipation + account[..., INTERNAL]
-        self.residual = self.residual + account[..., RESIDUAL]
-        self.violation = np.maximum(self.violation, account[..., VIOLATION])
-        self.visited = np.minimum(self.visited, account[..., VISITED])
-        self.unique = self.unique & (account[..., AMBIGUOUS] == 0.0)
-        self.events = self.events + account[..., EVENTS]
-        self.overspent = self.overspent + account[..., OVERSPENT]
-        self.unsolved = self.unsolved + account[..., UNSOLVED]
+        self.internal_dissipation = self.internal_dissipation + account[..., entries.INTERNAL]
+        self.residual = self.residual + account[..., entries.RESIDUAL]
+        self.violation = np.maximum(self.violation, account[..., entries.VIOLATION])
+        self.visited = np.minimum(self.visited, account[..., entries.VISITED])
+        self.unique = self.unique & (account[..., entries.AMBIGUOUS] == 0.0)
+        self.events = self.events + account[..., entries.EVENTS]
+        self.overspent = self.overspent + account[..., entries.OVERSPENT]
+        self.unsolved = self.unsolved + account[..., entries.UNSOLVED]
 
 
 def average_displacement(body: Body, x: np.ndarray) -> np.ndarray:

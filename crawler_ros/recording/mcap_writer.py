@@ -13,23 +13,9 @@ from collections.abc import Mapping
 from typing import IO, Any
 
 import zstandard
+from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 
 from .record_head import MESSAGE_HEAD, SIZED
 
@@ -63,17 +49,17 @@ class McapFile:
         self._filled = 0
         self._compress = zstandard.ZstdCompressor(compression_params=COMPRESSION).compress
         self._indices: dict[int, array[int]] = {}  # log time and offset in the chunk of each message, by channel
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._chunk_indices: list[ChunkIndex] = []
-        self._attachment_indices: list[AttachmentIndex] = []
-        self._metadata_indices: list[MetadataIndex] = []
+        self._schemas: list[mcap_records.Schema] = []
+        self._channels: list[mcap_records.Channel] = []
+        self._chunk_indices: list[mcap_records.ChunkIndex] = []
+        self._attachment_indices: list[mcap_records.AttachmentIndex] = []
+        self._metadata_indices: list[mcap_records.MetadataIndex] = []
         self.counts: dict[int, int] = {}
         """Messages in finished chunks, by channel."""
         self.first_ns: int | None = None
         self.last_ns = 0
         stream.write(_MAGIC)
-        self._write(Header(profile, library))
+        self._write(mcap_records.Header(profile, library))
 
     def _write(self, record: Any) -> tuple[int, int]:
         """Write a record outside chunks; return where it begins and its length."""
@@ -83,14 +69,16 @@ class McapFile:
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Register a schema; return its number."""
-        self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
+        self._schemas.append(mcap_records.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
         self._append(_bytes(self._schemas[-1]))
         return len(self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
         """Register a channel; return its number: 1, 2, ... in the order of registration."""
         number = len(self._channels) + 1
-        channel = Channel(id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=metadata)
+        channel = mcap_records.Channel(
+            id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=metadata
+        )
         self._channels.append(channel)
         self._append(_bytes(channel))
         return number
@@ -105,15 +93,17 @@ class McapFile:
 
     def add_attachment(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
-        attachment = Attachment(create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data)
+        attachment = mcap_records.Attachment(
+            create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data
+        )
         place, length = self._write(attachment)
-        index = AttachmentIndex(place, length, time_ns, time_ns, len(data), name, media_type)
+        index = mcap_records.AttachmentIndex(place, length, time_ns, time_ns, len(data), name, media_type)
         self._attachment_indices.append(index)
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Write a table of names and values."""
-        place, length = self._write(Metadata(name=name, metadata=data))
-        self._metadata_indices.append(MetadataIndex(offset=place, length=length, name=name))
+        place, length = self._write(mcap_records.Metadata(name=name, metadata=data))
+        self._metadata_indices.append(mcap_records.MetadataIndex(offset=place, length=length, name=name))
 
     def add_messages(self, data: bytes | bytearray | memoryview) -> int:
         """Append message records of registered channels.
@@ -151,7 +141,7 @@ class McapFile:
         records = self._chunk[: self._filled]
         data = self._compress(records)
         place, length = self._write(
-            Chunk(
+            mcap_records.Chunk(
                 compression="zstd",
                 data=data,
                 message_start_time=first,
@@ -169,7 +159,7 @@ class McapFile:
             self._stream.write(index.tobytes())
             self.counts[channel] = self.counts.get(channel, 0) + len(index) // 2
         self._chunk_indices.append(
-            ChunkIndex(
+            mcap_records.ChunkIndex(
                 message_start_time=first,
                 message_end_time=last,
                 chunk_start_offset=place,
@@ -194,8 +184,8 @@ class McapFile:
     def finish(self) -> None:
         """Write the summary and the end of the file."""
         self._finish_chunk()
-        self._write(DataEnd(0))
-        statistics = Statistics(
+        self._write(mcap_records.DataEnd(0))
+        statistics = mcap_records.Statistics(
             attachment_count=len(self._attachment_indices),
             channel_count=len(self._channels),
             channel_message_counts=self.counts,
@@ -218,9 +208,9 @@ class McapFile:
         summary, offsets = b"", b""
         for opcode, records in groups.items():
             group = b"".join(map(_bytes, records))
-            offsets += _bytes(SummaryOffset(opcode, start + len(summary), len(group)))
+            offsets += _bytes(mcap_records.SummaryOffset(opcode, start + len(summary), len(group)))
             summary += group
-        footer = Footer(start, start + len(summary), 0)
+        footer = mcap_records.Footer(start, start + len(summary), 0)
         without_crc = _bytes(footer)[:-4]
         footer.summary_crc = crc32(summary + offsets + without_crc)
         self._stream.write(summary + offsets)
