@@ -21,17 +21,10 @@ from crawler_ros.node.intake.limits import command_limits
 from crawler_ros.node.intake.peers import Arrivals, SecondSimulator
 
 from ...processes import memory_mb, wait_until
-from .graph import graph
 from .machine import Sender, encode_array, status, stop, value
 
 ACTUATION, FRICTION, TRAJECTORY = "actuation_controller/commands", "friction_controller/commands", "joint_trajectory"
 SECOND = 10**9
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def trajectory(names, rows, times_ns, stamp_ns=0):

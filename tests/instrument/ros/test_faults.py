@@ -47,12 +47,6 @@ from .machine import (
 SECOND = 10**9
 
 
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
-
-
 def only(folder: Path) -> Path:
     (found,) = folder.iterdir()
     return found

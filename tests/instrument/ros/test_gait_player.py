@@ -18,18 +18,12 @@ from crawler_model import gallery, load_scene
 from crawler_ros.node.gait_player import list_commands
 from crawler_ros.node.intake.commands import CommandQueue
 
-from .graph import Process, graph, wait_until
+from .graph import Process, wait_until
 from .test_patches import CLIFF
 
 PLANE = """{name: plane, dimension: 2, body: {contacts: [[0, 0], [1, 0]], links: {stiffness: 1}}, friction: {FRICTION},
  drive: {times: [0, 0.5, 1], period: 1, actuation: [[[0, 0]], [[2, 0]], [[0, 0]]]}}"""
 DIRECTIONS = "directions: [0, 1.5708, 3.1416, 4.7124], value: [1, 1, 2, 1]"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def plane(path: Path, friction: str) -> Path:

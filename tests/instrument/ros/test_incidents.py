@@ -17,16 +17,9 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.show.report import print_replay
 
 from ...processes import wait_until
-from .graph import graph
 from .machine import status, value
 
 FRICTION, LENGTHS = "friction_controller/commands", "actuation_controller/commands"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def only(folder: Path) -> Path:

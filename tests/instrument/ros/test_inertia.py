@@ -5,7 +5,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from ...processes import wait_until
-from .graph import graph
 from .machine import status, value
 from .test_nodes import trajectory
 
@@ -14,12 +13,6 @@ name: two
 body: {contacts: [0.0, 0.2], masses: 0.05, links: {stiffness: 20.0}}
 friction: {forward: 0.1, backward: 0.3}
 """
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 @pytest.mark.parametrize("lock_step", ["true", "false"])

@@ -27,7 +27,7 @@ from crawler_ros.wire.definitions import find_ament_prefix
 from crawler_ros.wire.topics import read_topics
 
 from ...processes import wait_until
-from .graph import Graph, graph, seconds
+from .graph import Graph, seconds
 from .launch_files import FOLDER, PACKAGE, ROOT, Started, read, start
 
 FILES = sorted(FOLDER.glob("*.launch.xml"))
@@ -260,12 +260,6 @@ def hear_first(ros: Graph, process: Started, names: list[str]) -> None:
 
 def topic(process: Started, name: str) -> str:
     return f"/{process.namespace}/{name}" if process.namespace else f"/{name}"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def test_simulator_runs(ros):

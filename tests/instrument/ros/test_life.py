@@ -18,7 +18,7 @@ from crawler_ros.node.intake.peers import publishers_of
 from crawler_ros.node.life.shared_memory import remove_orphans
 
 from ...processes import children, wait_until
-from .graph import environment, graph, node_command
+from .graph import environment, node_command
 from .machine import Sender, encode_array, simulator, status, stop, value
 from .test_security import NOTHING, addresses, is_loopback
 
@@ -56,12 +56,6 @@ for instructions in range(10_000):
 print(instructions, "instructions")
 node.close()
 """
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 # -- signals ----------------------------------------------------------------------------------------------------------

@@ -18,19 +18,12 @@ from crawler_ros.replay import simulate_again
 from crawler_ros.wire.messages import TrajectoryMessage
 
 from ...processes import memory_mb, wait_until
-from .graph import graph
 from .machine import SOAK, Sender, assert_every_tick, assert_whole, encode_array, recorded, value
 from .test_nodes import trajectory
 
 LARGEST = 1e100
 ACTUATION, FRICTION = "actuation_controller/commands", "friction_controller/commands"
 TRAJECTORY, LENGTHS = "joint_trajectory", "actuation_controller/joint_trajectory"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def wait_for_diagnostics(ros):

@@ -12,7 +12,6 @@ from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
 
 from ...processes import wait_until
-from .graph import graph
 from .machine import value
 from .test_lock_step import ticks
 from .test_nodes import trajectory
@@ -25,12 +24,6 @@ ground: {slope: 6.0}
 loads: 0.0
 """
 LOADS, LENGTHS = "load_controller/commands", "actuation_controller/commands"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 @pytest.fixture

@@ -25,12 +25,6 @@ SCENE = "three_contacts_one_way"
 LOCK_STEP = ("lock_step:=true", f"scene:={SCENE}")
 
 
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
-
-
 class Loop:
     """A controller that sends a command, waits for its state, and decides on the next by what it saw."""
 

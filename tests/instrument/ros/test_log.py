@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from ...processes import children, wait_until
-from .graph import environment, graph
+from .graph import environment
 from .machine import Sender, encode_array, simulator, status, value
 
 TALKER = """
@@ -31,12 +31,6 @@ with unblocked_log():
     print("written", flush=True)
 print("last words", file=sys.stderr, flush=True) if len(sys.argv) > 1 else None
 """
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def channel(kind: str) -> tuple[int, int]:

@@ -29,14 +29,8 @@ from crawler_ros.viewer.frames import frames_of_recording
 
 from ...processes import PATIENCE_S, wait_until
 from .forked import finish
-from .graph import environment, graph, seconds
+from .graph import environment, seconds
 from .test_recording import DECODE
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def trajectory(names, *points, stamp=0.0) -> JointTrajectory:

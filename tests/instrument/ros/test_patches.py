@@ -12,7 +12,6 @@ from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
 
 from ...processes import wait_until
-from .graph import graph
 from .machine import value
 from .test_lock_step import ticks
 from .test_nodes import trajectory
@@ -47,12 +46,6 @@ ground: {slope: -80.0, patches: [{from: -9.0, to: 1.25, slope: 0.0}]}
 """
 LENGTHS = "actuation_controller/commands"
 JUMPS, REFUSED = "jumps", "ticks refused"
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def write(tmp_path, text):

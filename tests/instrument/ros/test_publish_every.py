@@ -22,18 +22,12 @@ from crawler_ros.wire.definitions import find_ament_prefix
 
 from ...processes import wait_until
 from ...scenes import write_chain
-from .graph import Graph, graph, node_command, seconds
+from .graph import Graph, node_command, seconds
 from .machine import recorded
 from .test_patches import CLIFF
 
 EVERY = 5
 LINKS = ("link_0", "link_1")
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def ticks(ros: Graph, name: str = "joint_states") -> list[int]:

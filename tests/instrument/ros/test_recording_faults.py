@@ -17,14 +17,8 @@ from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
 
 from ...processes import wait_until
-from .graph import environment, graph
+from .graph import environment
 from .machine import simulator, status
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def only(bags: Path) -> Path:

@@ -22,15 +22,9 @@ from crawler_ros.wire.topics import message_class
 
 from ...processes import wait_until
 from ...scenes import NOT_TURNING
-from .graph import graph, seconds
+from .graph import seconds
 from .test_nodes import trajectory
 from .test_recording import DECODE
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def where_frames_are(robot: URDF, joint_positions: dict[str, float]) -> dict[str, np.ndarray]:

@@ -24,7 +24,7 @@ from crawler_ros.wire.states import joint_state_names
 
 from ...processes import wait_until
 from ...scenes import gallery
-from .graph import Graph, graph
+from .graph import Graph
 from .launch_files import FOLDER
 
 SCENE = "three_contacts_two_ways"
@@ -57,12 +57,6 @@ class Hardware:
         if np.abs(self.states - self.commands).sum() <= self._threshold:
             return
         self._publisher.publish(JointState(name=self.joints, position=self.commands.tolist()))
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def describe(ros: Graph) -> str:

@@ -15,7 +15,7 @@ pytest.importorskip("rclpy")
 from crawler_ros.examples import speed_control
 
 from ...processes import children, wait_until
-from .graph import Graph, Process, graph
+from .graph import Graph, Process
 from .machine import assert_whole, recorded, stamp_ns
 
 SCENE, SPEED = "three_contacts_one_way", Path(speed_control.__file__)
@@ -38,12 +38,6 @@ try:
 except Exception:  # the context ends before a callback
     pass
 """
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def write(folder: Path, text: str) -> str:

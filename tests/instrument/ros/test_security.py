@@ -25,17 +25,11 @@ from ...commands import crawler
 from ...processes import PATIENCE_S, children, wait_until
 from ...sockets import addresses
 from ..model.scene.test_file import EVIL
-from .graph import environment, graph
+from .graph import environment
 from .machine import SOAK, simulator
 
 ASKED = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
 NOTHING = dict.fromkeys(ASKED)
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 # -- the network ------------------------------------------------------------------------------------------------------

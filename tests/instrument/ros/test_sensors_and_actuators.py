@@ -14,7 +14,7 @@ from crawler_model import load_scene
 from crawler_ros.replay.analysis import analyse
 
 from ...processes import wait_until
-from .graph import Graph, graph, seconds
+from .graph import Graph, seconds
 
 SCENE, LENGTHS = "three_contacts_two_ways", "actuation_controller/commands"
 SENSORS = {
@@ -26,12 +26,6 @@ SENSORS = {
     "rate": 30.0,
     "dropped": 0.1,
 }
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def walk(ros: Graph, ticks: int) -> None:

@@ -15,7 +15,7 @@ from crawler_model import Crawler, load_scene
 from crawler_ros.replay import analyse
 
 from ...processes import wait_until
-from .graph import graph, seconds
+from .graph import seconds
 from .machine import value
 from .test_nodes import trajectory
 
@@ -38,12 +38,6 @@ loads: 0
 """
 NAMES = ["link_0", "link_1", "link_2", "joint_0", "joint_1"]
 GAIT = ((0.2, [0.0, 0.01, 0.0, 0.4, 0.0]), (0.4, [0.01, 0.0, 0.0, 0.4, 0.5]), (0.6, [0.0, 0.0, 0.01, -0.3, 0.5]))
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def write(tmp_path, text):

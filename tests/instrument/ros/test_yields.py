@@ -18,7 +18,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.wire.definitions import find_ament_prefix
 
 from ...processes import wait_until
-from .graph import graph, seconds
+from .graph import seconds
 from .machine import status, value
 from .test_nodes import trajectory
 
@@ -51,12 +51,6 @@ body:
 friction: {forward: 0.5, backward: 2.0}
 drive: {times: [0, 1, 2], period: 2, actuation: [[0, 0, 0], [-1, -1, -1], [0, 0, 0]]}
 """
-
-
-@pytest.fixture
-def ros(tmp_path):
-    with graph(tmp_path) as made:
-        yield made
 
 
 def command_period(ros, begin: float, lengths: list[float]) -> None:
