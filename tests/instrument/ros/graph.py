@@ -225,5 +225,10 @@ def graph(folder: Path) -> Iterator[Graph]:
             made.close()
 
 
+def only(folder: Path) -> Path:
+    (found,) = folder.iterdir()
+    return found
+
+
 def seconds(message: Any) -> float:
     return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9

@@ -30,7 +30,7 @@ from crawler_ros.replay import simulate_again
 
 from ...commands import crawler
 from ...processes import PATIENCE_S, children, memory_mb, wait_until
-from .graph import environment, graph
+from .graph import environment, graph, only
 from .machine import (
     DECODE,
     SOAK,
@@ -45,11 +45,6 @@ from .machine import (
 )
 
 SECOND = 10**9
-
-
-def only(folder: Path) -> Path:
-    (found,) = folder.iterdir()
-    return found
 
 
 def wait_for_more(ros, count=50, topic="joint_states"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -17,14 +16,10 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.show.report import print_replay
 
 from ...processes import wait_until
+from .graph import only
 from .machine import status, value
 
 FRICTION, LENGTHS = "friction_controller/commands", "actuation_controller/commands"
-
-
-def only(folder: Path) -> Path:
-    (found,) = folder.iterdir()
-    return found
 
 
 def test_refused_commands_are_recorded_by_reason_and_time_up_to_the_end(ros, capsys):

@@ -33,15 +33,10 @@ from crawler_ros.wire.definitions import type_hash
 from crawler_ros.wire.topics import read_topics
 
 from ...processes import children, wait_until
-from .graph import environment, graph, seconds
+from .graph import environment, graph, only, seconds
 
 DECODE = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
 OUT = {"/joint_states", "/contact_states", "/pose", "/applied_commands", "/diagnostics"}
-
-
-def only(folder: Path) -> Path:
-    (found,) = folder.iterdir()
-    return found
 
 
 @pytest.fixture(scope="module")
