@@ -6,7 +6,7 @@ import numpy as np
 
 from ...compiled import entry, inlined, lean
 from ...errors import LARGEST
-from ...rounding import MISSED
+from ...rounding import EPS, MISSED
 from .. import account as entries
 from .advance import advance, advance_spring
 from .block import leave_bounds, size_of_terms
@@ -227,7 +227,7 @@ def _judge_balance(contacts, springs, ramp, stored):
     if not ramp.exact or own.overspent or missed <= MISSED * energies:
         return
     for j in range(springs.shape[0]):
-        missed -= _BLUR * ramp.span * abs(springs[j].tension)
+        missed -= _BLUR * ramp.span * (abs(springs[j].tension) + EPS * springs[j].stiffness * ramp.span)
     for i in range(contacts.shape[0]):
         missed -= _BLUR * ramp.span * max(min(contacts[i].forward, contacts[i].backward), 0.0)
     if missed > 0.0:

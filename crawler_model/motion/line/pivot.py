@@ -14,7 +14,7 @@ from ...compiled import inlined, lean
 from ...rounding import EPS, NOISE
 from .clusters import wake_turning
 from .ground.couplings import couplings_of, exchange_pieces, is_coupled, keep_limits
-from .ground.gradual import holds, is_gradual
+from .ground.gradual import force_of, holds, is_gradual, stiffness_of
 from .ground.unstable import is_stable, search_sides, turns_unstable
 from .mesh import solve_mesh
 from .path import limit_of, solve_path
@@ -69,6 +69,27 @@ def _find_brake(ramp, block, count, last_only):
     if brake < 0:
         ramp.search.loose = (1 + block[0].contact) * (1 if excess > 0.0 else -1)
     return brake, balances
+
+
+@lean
+def _stop_one(block, ground, count):
+    """Stop one contact where all slide on ground that holds less and less, which does not hold their translation.
+
+    Of the contacts that slide against the sum of all forces, it is the one whose direction the others leave first.
+    """
+    stiffness = balance = 0.0
+    ahead = behind = -1
+    for j in range(count):
+        e = block[j]
+        stiffness += stiffness_of(e, ground)
+        balance += force_of(e, ground)
+        if e.side > 0 and (ahead < 0 or e.v < block[ahead].v):
+            ahead = j
+        if e.side < 0 and (behind < 0 or e.v > block[behind].v):
+            behind = j
+    if stiffness < 0.0 and ahead >= 0 and behind >= 0:
+        balance -= 0.5 * stiffness * (block[ahead].v + block[behind].v)
+        block[ahead if balance > 0.0 else behind].side = 0
 
 
 @lean
@@ -218,6 +239,8 @@ def find_sides(contacts, springs, model, ramp, count):
                 return False
             side = block[brake].side
             block[brake].side = 0
+        elif resting == 0 and last_only:
+            _stop_one(block, model.ground, count)
         # velocities of those that slide, forces on those that rest
         if follows_path:
             solve_path(block, count)

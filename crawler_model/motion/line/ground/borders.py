@@ -214,7 +214,7 @@ def _stop_at_wall(c, foot, ground, ramp, i):
 
 @lean
 def catch(c, ground, ramp, i):
-    """End the jump of a contact whose falling bound has met that of the ground at its place.
+    """End the jump of a contact whose falling bound has met that of the ground, which need not hold its force.
 
     Args:
         c: CONTACT i, advanced to s.
@@ -223,7 +223,6 @@ def catch(c, ground, ramp, i):
         return
     side = c.fallen
     c.fallen = 0
-    c.bounds_met |= side
     set_bound(c, ground.feet[i], ground, side, ramp)
     close_jump(c, ground, ramp, i)
 
