@@ -82,19 +82,23 @@ def _find_quantile(contacts, curves, ramp, middle, level):
 
 
 @lean
-def _is_held_inside(contacts, springs, curves, ramp, middle, translation):
+def _is_held_inside(contacts, springs, model, curves, ramp, middle, translation):
     """Determine whether an element of a segment has friction, and ends that slide in opposite directions.
 
     A point between them that rests has friction on both sides of it, so friction in one direction is enough.
     """
-    for j in range(springs.shape[0]):
-        if not springs[j].element or not _is_within(springs[j], curves, ramp):
-            continue
-        a, b = contacts[springs[j].a], contacts[springs[j].b]
-        held = a.forward + a.backward + middle * (a.d_forward + a.d_backward) > 0.0
-        held = held and b.forward + b.backward + middle * (b.d_forward + b.d_backward) > 0.0
-        if held and (a.v + translation) * (b.v + translation) < 0.0:
-            return True
+    first, last = present_part(contacts, curves, ramp)
+    for r in range(first, last):
+        a = contacts[member(curves, r)]
+        for k in range(a.first, a.last):
+            spring = springs[model.ends[k].spring]
+            if model.ends[k].sign < 0.0 or not spring.element or not _is_within(spring, curves, ramp):
+                continue
+            b = contacts[spring.b]
+            held = a.forward + a.backward + middle * (a.d_forward + a.d_backward) > 0.0
+            held = held and b.forward + b.backward + middle * (b.d_forward + b.d_backward) > 0.0
+            if held and (a.v + translation) * (b.v + translation) < 0.0:
+                return True
     return False
 
 
@@ -107,7 +111,7 @@ def _is_within(spring, curves, ramp):
 
 
 @lean
-def _limit(contacts, springs, curves, ramp, ds):
+def _limit(contacts, springs, model, curves, ramp, ds):
     """Find the translations of the present part at which the flat springs at its ends stay flat for a while.
 
     If `ds` is 0, springs that are at knots must not pass them; others do not count.
@@ -115,18 +119,20 @@ def _limit(contacts, springs, curves, ramp, ds):
     least, most = -np.inf, np.inf
     if curves is None:
         return least, most
-    for j in range(springs.shape[0]):
-        spring = springs[j]
-        side = side_of(spring, curves, ramp.present)
-        if side == 0:
-            continue
-        bend = curves.bends[spring.bend]
-        z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
-        near = near_of(z, length, ramp)
-        below, above = _stay_on(curves.pieces[bend.actuator], z - length, stretch - change, ds, near)
-        low, high = _stay_on(curves.pieces[bend.passive], z, stretch, ds, near)
-        below, above = max(below, low), min(above, high)
-        least, most = max(least, below if side > 0 else -above), min(most, above if side > 0 else -below)
+    for r in range(ramp.first, ramp.last):
+        c = contacts[curves.members[r]]
+        for k in range(c.first, c.last):
+            spring = springs[model.ends[k].spring]
+            side = side_of(spring, curves, ramp.present)
+            if side == 0:
+                continue
+            bend = curves.bends[spring.bend]
+            z, length, stretch, change = find_lengths(contacts, spring, bend, ramp)
+            near = near_of(z, length, ramp)
+            below, above = _stay_on(curves.pieces[bend.actuator], z - length, stretch - change, ds, near)
+            low, high = _stay_on(curves.pieces[bend.passive], z, stretch, ds, near)
+            below, above = max(below, low), min(above, high)
+            least, most = max(least, below if side > 0 else -above), min(most, above if side > 0 else -below)
     return least, most
 
 
@@ -186,17 +192,17 @@ def _shift(contacts, springs, model, curves, ramp, s, until):
     # flat springs at the ends of the part must stay flat
     slower, faster = least, most  # what friction admits
     if not ramp.stepping:
-        low, high = _limit(contacts, springs, curves, ramp, 0.0)
+        low, high = _limit(contacts, springs, model, curves, ramp, 0.0)
         least, most = min(max(least, low), most), max(min(most, high), least)
     slowest, fastest = least, most  # what is admissible for a while; what is chosen lasts until the stretch ends
     if until > s:
-        low, high = _limit(contacts, springs, curves, ramp, until - s)
+        low, high = _limit(contacts, springs, model, curves, ramp, until - s)
         least, most = min(max(least, low), most), max(min(most, high), least)
     # the choice
     chosen = min(max(-net / weight if curves is not None else -net, least), most)
     center = 0.5 * (least + most)
     several = least < most and abs(center) < np.inf
-    if several and _is_held_inside(contacts, springs, curves, ramp, middle, center):
+    if several and _is_held_inside(contacts, springs, model, curves, ramp, middle, center):
         chosen = slowest = fastest = center
     # contacts go on at the bound that opposes them
     most_v = 0.0
