@@ -12,8 +12,10 @@ from ..sensor.noise import find_quantile
 
 _ENOUGH = 0.5
 """Part of the expected increase of the sum of squares at the end of an interval that confirms it."""
-_WIDER = 1.5
-_MOST = 8
+_WIDER, _MUCH_WIDER = 1.5, 4.0
+_MOST, _FAR = 8, 24
+"""Steps of each kind: just after a jump of the body a derivative may be so large that the residuals grow only millions
+of its half widths away."""
 _NULL = 1e-12
 
 
@@ -83,13 +85,18 @@ def _find_end(
 ) -> float:
     """Find how far parameters can move until the residuals grow as expected, all others moving along; else inf."""
     low, high = problem.bounds
-    for k in range(_MOST):
+    for k in range(_MOST + _FAR):
         moved = np.clip(fit.unknowns + width * direction, low, high)
-        if _relax(problem, moved, held, p) - fit.cost >= (_ENOUGH if k == 0 else 1.0) * expected:
+        cost = _relax(problem, moved, held, p)
+        if k >= _MOST:  # so far away, the others may not move in proportion
+            alone = fit.unknowns.copy()
+            alone[p] = moved[p]
+            cost = min(cost, _relax(problem, alone, held, p))
+        if cost - fit.cost >= (_ENOUGH if k == 0 else 1.0) * expected:
             return width
         if np.any((moved[p] == low[p]) | (moved[p] == high[p])):
             break
-        width *= _WIDER
+        width *= _WIDER if k < _MOST else _MUCH_WIDER
     return np.inf
 
 

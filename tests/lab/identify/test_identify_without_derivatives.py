@@ -72,6 +72,25 @@ def test_the_friction_of_a_patch_is_found() -> None:
     assert patch.interval[0] < 0.25 < patch.interval[1]
 
 
+def test_beside_a_jump_no_friction_is_bounded_from_one_side_that_the_motion_bounds_from_both() -> None:
+    """With 0.15 N a contact jumps at a waypoint: differences of runs show slopes of millions of times the right ones."""
+    rows = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.08], [0.0, 0.08, 0.08], [0.08, 0.08, 0.08], [0.0, 0.0, 0.0]]
+    data: dict[str, Any] = {
+        "name": "gecko",
+        "start": "relaxed",
+        "body": {"contacts": [0.0, 0.1, 0.2, 0.3], "links": {"stiffness": [20.0, 30.0, 20.0]}},
+        "friction": {"forward": 0.15, "backward": 0.6},
+        "ground": {"patches": [{"from": 0.5, "to": 0.7, "friction": 0.3}]},
+        "drive": {"times": [0.0, 0.25, 0.5, 0.75, 1.0], "period": 1.0, "actuation": rows},
+    }
+    scene = Scene.model_validate(data)
+    forward, backward = identify(scene, [record(scene, 6.0)], ["friction.forward", "friction.backward"]).parameters
+    for parameter, true in ((forward, 0.15), (backward, 0.6)):
+        assert parameter.verdict == "identified"
+        assert parameter.interval[0] < true < parameter.interval[1]
+        assert parameter.interval[1] - parameter.interval[0] < 0.1 * true
+
+
 @pytest.mark.parametrize(
     ("keys", "truth", "guesses"),
     [
