@@ -184,7 +184,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
         space=space,
         point=point,
         seed=request.seed,
-        complete=request.seconds is None and not found.interrupted,
+        complete=found.complete and not (found.interrupted or limit.over()),
         wall_s=clock() - limit.began,
         motion=regime.motion,
         periods=goal.periods if patched else None,

@@ -54,6 +54,7 @@ class Found:
         evaluations: how many candidates were run, with derivatives or without.
         found_after_s: when the best one was found [s].
         interrupted: whether Ctrl-C ended the search.
+        complete: whether it ended by itself, so that its result does not depend on the machine.
     """
 
     point: np.ndarray
@@ -62,6 +63,7 @@ class Found:
     evaluations: int = 0
     found_after_s: float = 0.0
     interrupted: bool = False
+    complete: bool = False
 
 
 def search(
@@ -129,9 +131,9 @@ class _Search:
             stale = 0 if self.found.score > before + _BETTER * abs(before) or number == 0 else stale + 1
             if self.limit.seconds is None:
                 self.report(max(stale / self.rounds, self.evaluator.evaluations / MOST_EVALUATIONS))
-                if stale >= self.rounds:
-                    return
-            if self.over():
+            over = self.over()
+            self.found.complete = stale >= self.rounds or (over and self.limit.seconds is None)
+            if self.found.complete or over:
                 return
 
     def over(self) -> bool:

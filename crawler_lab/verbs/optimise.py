@@ -143,8 +143,8 @@ _Period = Annotated[
 _Seconds = Annotated[
     float | None,
     typer.Option(
-        help="Time limit, s, compiling aside; it covers the examination and the picture. The result depends on the "
-        "machine."
+        help="Time limit, s, compiling aside; it covers the examination and the picture. A search that it ends depends "
+        "on the machine."
     ),
 ]
 _Seed = Annotated[int, typer.Option(help="Seed of the random numbers; the same seed gives the same result.", min=0)]

@@ -146,3 +146,11 @@ def test_no_gait_that_was_tried_is_better_than_the_one_that_is_returned(case: st
     assert found.value == pytest.approx(found.space.value(own))
     if case == "chain":
         assert np.nanmax(map_plane(found)[-1]) <= found.value * (1.0 + 1e-9)
+
+
+def test_a_time_limit_does_not_prolong_a_search() -> None:
+    """A search that ends by itself gives the same result with a limit that it does not reach."""
+    scene = load_scene("two_contacts_anisotropic")
+    free, limited = (optimise(scene, stroke=(0.0, 0.1), waypoints=2, seconds=seconds) for seconds in (None, 600.0))
+    assert limited.complete
+    assert (limited.evaluations, limited.values.tolist()) == (free.evaluations, free.values.tolist())
