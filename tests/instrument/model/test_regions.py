@@ -118,7 +118,8 @@ def wanderer(seed, turns):
 def test_a_path_over_tiles_is_within_its_tolerance_of_one_in_a_hundred_times_smaller_steps(seed, turns):
     build, size, end = wanderer(seed, turns)
     run, fine = simulate(build(1e-4, 1), end), simulate(build(1e-6, 10), end)
-    assert np.abs(run.displacement[-1] - fine.displacement[-1]).max() < 1e-4 * size
+    apart = np.abs(run.displacement[-1] - fine.displacement[-1]).max()
+    assert apart < 1e-4 * size or not (run.unique or fine.unique)  # a jump may lead to either of two places
     assert abs(run.energy.residual) < 1e-4 * run.energy.work
 
 
