@@ -143,7 +143,10 @@ def print_limits(scene: Plan, screen: Console) -> None:
     if scene.drive.holds or scene.drive.period is None or scene.body.turning is not None:
         return
     if scene.ground.track is not None and scene.ground.track.walls is not None:
-        screen.print("steepest slope and largest tow at which a period still gains: walls end the travel")
+        screen.print(
+            "steepest slope and largest tow at which a period still gains: not searched for, because walls make what a "
+            "period gains depend on the place"
+        )
         return
     if scene.body.dimension == 2:
         screen.print(

@@ -151,7 +151,7 @@ class _Search:
         if scene.drive.period is None or scene.drive.holds:
             raise CommandError(f"{call}: {scene.name} has no drive with a period")
         if scene.ground.track is not None and scene.ground.track.walls is not None:
-            raise CommandError(f"{call}: {scene.name} has ground.walls, which end its travel; see the push on them")
+            raise CommandError(f"{call}: {scene.name} has ground.walls, so what a period gains depends on the place")
         self.scene, self.progress = scene, progress
         drive, n = scene.drive, scene.body.contacts
         self.targets = drive.targets[drive.times < drive.period]

@@ -66,7 +66,7 @@ def _topics(topics: dict[str, TopicHealth]) -> Table:
 def _print_cycles(replay: Replay, screen: Console) -> None:
     cycles = replay.cycles
     if not cycles:
-        why = "do not repeat" if replay.table.commanded else "in force were not recorded"
+        why = "that the body followed do not repeat" if replay.table.commanded else "in force were not recorded"
         screen.print(f"cycles: none, as the commands {why}")
         return
     transient = sum(c.transient for c in cycles)
