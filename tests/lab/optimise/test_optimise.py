@@ -481,11 +481,15 @@ def test_a_transient_that_dies_out_has_no_cost_of_transport():
     assert simulate_many([best.scene], 50.0).cost_of_transport[0] == pytest.approx(best.value, rel=1e-9)
 
 
-def test_with_a_time_limit_the_search_goes_on_until_it_is_over(monkeypatch):
+def test_a_search_that_finds_better_gaits_goes_on_until_its_time_limit(monkeypatch):
+    def find_better(run: _Search, number: int, _: list[np.ndarray]) -> None:
+        rounds.append(number)
+        run.found.score = float(number)
+
     time = itertools.count()
     module = importlib.import_module("crawler_lab.optimise.search")
     monkeypatch.setattr(module, "clock", lambda: float(next(time)))
-    monkeypatch.setattr(_Search, "round", lambda self, number, _: rounds.append(number))
+    monkeypatch.setattr(_Search, "round", find_better)
     rounds: list[int] = []
     _, space = build_space(chain(2), Request("translation", stroke=(0.0, 0.1), waypoints=2))
     search(space, 0, TimeLimit(0.0, 500.0), [])
