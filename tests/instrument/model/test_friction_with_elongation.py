@@ -461,3 +461,22 @@ def test_a_ramp_without_any_friction_is_solved():
         "drive": {"times": list(range(6)), "actuation": [[0.0], [0.375], [-0.125], [0.25], [-0.5], [1.125]]},
     }
     assert simulate(Scene.model_validate(scene), rate=1.0).unsolved == 0
+
+
+def test_where_no_motion_is_found_none_is_unique():
+    """In the ninth ramp no combination of sides that is tried fulfils all conditions."""
+    steep = [
+        {"link": 0, "contacts": [0, 1], "elongation": [-0.56, 0.32, 0.35], "added": [0.38, 0.14, 0.36]},
+        {"link": 1, "contacts": [2], "elongation": [0.42, 0.8, 0.93], "added": [0.44, 0.04, 0.15]},
+    ]
+    to_and_fro = [[0.0, 0.0], [-0.64, 1.34], [1.33, 0.91], [0.43, 1.37], [-1.45, -0.53], [0.24, -0.63]]
+    scene = {
+        "name": "steep",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": [3.86, 1.39]}},
+        "friction": {"forward": [0.31, 0.26, 0.37], "backward": [0.59, 1.2, 0.32], SWELLS: steep},
+        "ground": {"walls": [{"at": 2.46, "stops": "forward"}]},
+        "drive": {"times": list(range(10)), "actuation": [*to_and_fro, *to_and_fro[4:0:-1]]},
+    }
+    run = simulate(Scene.model_validate(scene), rate=1.0)
+    assert run.unsolved > 0
+    assert not run.unique
