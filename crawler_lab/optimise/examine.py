@@ -189,6 +189,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
         motion=regime.motion,
         periods=goal.periods if patched else None,
         interrupted=found.interrupted,
+        exhausted=found.exhausted,
         around=around.lines,
         plane=around.plane,
     )

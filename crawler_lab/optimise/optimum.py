@@ -110,6 +110,7 @@ class Optimum:
         periods: on patches of ground, number of first periods whose mean `gain` is; None elsewhere.
         robustness: with `robust_to`, how good the gait is on other bodies than in the search.
         interrupted: whether Ctrl-C ended the search.
+        exhausted: whether the search ended after as many evaluations as it may take without a time limit.
         around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
             `landscape.profile` shows it.
         plane: the two unknowns that the objective depends on most, and the objective over both, shape (Y, X), as
@@ -147,6 +148,7 @@ class Optimum:
     periods: int | None = None
     robustness: Robustness | None = None
     interrupted: bool = False
+    exhausted: bool = False
     around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     plane: Plane | None = None
 

@@ -55,6 +55,7 @@ class Found:
         found_after_s: when the best one was found [s].
         interrupted: whether Ctrl-C ended the search.
         complete: whether it ended by itself, so that its result does not depend on the machine.
+        exhausted: whether that was after `MOST_EVALUATIONS`.
     """
 
     point: np.ndarray
@@ -64,6 +65,7 @@ class Found:
     found_after_s: float = 0.0
     interrupted: bool = False
     complete: bool = False
+    exhausted: bool = False
 
 
 def search(
@@ -132,7 +134,8 @@ class _Search:
             if self.limit.seconds is None:
                 self.report(max(stale / self.rounds, self.evaluator.evaluations / MOST_EVALUATIONS))
             over = self.over()
-            self.found.complete = stale >= self.rounds or (over and self.limit.seconds is None)
+            self.found.exhausted = over and self.limit.seconds is None
+            self.found.complete = stale >= self.rounds or self.found.exhausted
             if self.found.complete or over:
                 return
 

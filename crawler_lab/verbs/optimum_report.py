@@ -99,7 +99,7 @@ def describe_optimum(found: Optimum) -> list[str]:
 def _describe_end(found: Optimum) -> str:
     from ..optimise.search import MOST_EVALUATIONS
 
-    if found.complete and found.evaluations >= MOST_EVALUATIONS:
+    if found.complete and found.exhausted:
         return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
     return _NOTHING_BETTER if found.complete else _STOPPED_EARLY
 

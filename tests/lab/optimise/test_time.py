@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from crawler_lab.optimise.landscape import map_plane
 from crawler_lab.optimise.optimise import build_space
 from crawler_lab.optimise.polish import improves
 from crawler_lab.optimise.request import Request
+from crawler_lab.verbs.optimum_report import describe_optimum
 from crawler_model import Scene, load_scene
 
 PACE = 100
@@ -154,3 +155,5 @@ def test_a_time_limit_does_not_prolong_a_search() -> None:
     free, limited = (optimise(scene, stroke=(0.0, 0.1), waypoints=2, seconds=seconds) for seconds in (None, 600.0))
     assert limited.complete
     assert (limited.evaluations, limited.values.tolist()) == (free.evaluations, free.values.tolist())
+    assert "nothing better" in describe_optimum(replace(limited, evaluations=40_000))[-1]  # --seconds allows so many
+    assert "--seconds allows more" in describe_optimum(replace(free, exhausted=True))[-1]
