@@ -14,7 +14,7 @@ from crawler_model.body.drive import NS
 from crawler_ros.node.intake.peers import SecondSimulator
 from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.stop import StopFlag, end_on_signals
-from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage
+from crawler_ros.wire.messages import ASK_AFTER_S, NO_CHANGE, TrajectoryMessage
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 _REPORT_EVERY_S, _LOOK_EVERY_S, _GONE_S = 5.0, 0.5, 3.0
@@ -74,12 +74,6 @@ class AnsweringNode(QuietNode):
     def report_following(self) -> None:
         """Log how it goes, every few seconds; a node that has nothing to log is silent."""
 
-    def _wait(self) -> None:
-        """Ask a simulator in lock-step, which is silent between commands, for one tick that changes nothing."""
-        if self._publisher.get_subscription_count():
-            self._publisher.publish(NO_CHANGE)
-        self.get_logger().info("still waiting for states: start crawler-simulator in the same namespace and domain")
-
     def answer_states(self) -> None:
         """Answer states until the node is done or a signal arrives.
 
@@ -89,7 +83,7 @@ class AnsweringNode(QuietNode):
         end_on_signals(self.done)
         executor = EventsExecutor()
         executor.add_node(self)
-        reported = looked = met = time.monotonic()
+        reported = looked = met = asked = time.monotonic()
         while not self.done.is_set():
             executor.spin_once(timeout_sec=0.1)
             self.throttle.flush()
@@ -102,9 +96,15 @@ class AnsweringNode(QuietNode):
             if now - reported > _REPORT_EVERY_S:
                 reported = now
                 if self._last_ns < 0:
-                    self._wait()
+                    text = "still waiting for states: start crawler-simulator in the same namespace and domain"
+                    self.get_logger().info(text)
                 else:
                     self.report_following()
+            if self._last_ns >= 0 or not self._publisher.get_subscription_count():
+                asked = now
+            elif now - asked > ASK_AFTER_S:  # a simulator in lock-step, in the middle of a run
+                asked = now
+                self._publisher.publish(NO_CHANGE)
         self.leave()
         if self.problem:
             raise CrawlerError(self.problem)

@@ -27,6 +27,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 NS = 10**9
 GONE = 6
 """Timer calls without a simulator after which it counts as gone."""
+SILENT = 20
+"""Timer calls without a state after which a simulator is asked for a tick. The first state takes less to arrive: a tick
+that was asked for too early would shift all later ones, and runs in lock-step would differ."""
 
 
 def within(least: float, most: float) -> ParameterDescriptor:
@@ -54,7 +57,7 @@ class PeriodController(Node):
         self.before = 0.0  # x at the start of the current period, m
         self.done = Future()
         self.rivals = self.problem = ""
-        self.repeated = self.missed = 0
+        self.repeated = self.missed = self.silent = 0
         self.commands = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
@@ -90,10 +93,12 @@ class PeriodController(Node):
         self.play_next()
 
     def on_timer(self) -> None:
-        """Ask a simulator in lock-step, which is silent until a command arrives, for one tick that changes nothing."""
+        """Ask a simulator in lock-step, silent in the middle of a run, for a tick that changes nothing."""
         if self.now < 0:
             self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
-            if self.commands.get_subscription_count():
+            self.silent += self.commands.get_subscription_count() > 0
+            if self.silent > SILENT:
+                self.silent = 0
                 self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))
         self.missed = 0 if self.now < 0 or self.count_publishers("pose") else self.missed + 1
         if self.missed > GONE:

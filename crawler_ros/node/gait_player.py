@@ -22,7 +22,7 @@ from crawler_model import CrawlerError, load_scene
 from crawler_model.body.drive import NS, Drive
 
 from ..wire.facts import REFUSED_ON, read_count, rows_dropped, ticks_refused
-from ..wire.messages import NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
+from ..wire.messages import ASK_AFTER_S, NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_profile, read_topics
 from .diagnostics import OK, WARN, Status
@@ -35,7 +35,6 @@ from .parameters import expand_home
 DEFAULT_SCENE = "three_contacts_one_way"
 _LEAST_MESSAGE_NS = NS // 10
 _MOST_AHEAD_NS = 30 * NS
-_WAKE_EVERY_S = 10.0  # discovery takes less: a simulator silent for longer is in lock-step, in the middle of a run
 _PATIENCE_S = 30.0
 _STILL_S = 0.3  # simulated time that has not advanced for as long waits for a command, as in lock-step
 _GONE_S = 3.0  # a simulator that restarts is absent for less, and one that runs sends diagnostics more often
@@ -345,7 +344,7 @@ def _spin(node: GaitPlayer) -> None:
             continue
         if node.waits_to_send and now - moved > _STILL_S:
             node.send()
-        if node.now_ns < 0 and now - woken > _WAKE_EVERY_S:
+        if node.now_ns < 0 and now - woken > ASK_AFTER_S:
             woken = now
             node.wake()
         if min(now - moved, now - reported) > _GONE_S:

@@ -70,6 +70,16 @@ def test_rivals_are_named_once_and_withdrawn():
     assert [m.status[0].level for m in published] == [DiagnosticStatus.WARN] * 2 + [DiagnosticStatus.OK]
 
 
+def test_no_tick_is_asked_for_while_a_simulator_may_still_be_discovered(ros):
+    """A tick more or less at the start would shift all later ones: runs in lock-step differed."""
+    ros.hear("joint_trajectory")
+    process = ros.start(SPEED)
+    wait_until(lambda: process.said.count("waiting for a simulator") == 2)  # 5 s after the first time
+    assert ros.heard["joint_trajectory"] == []
+    wait_until(lambda: ros.heard["joint_trajectory"])
+    assert [list(p.positions) for p in ros.heard["joint_trajectory"][0].points] == [[]]
+
+
 def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple[str, ...] = ("lock_step:=true",)):
     """Run a simulator and a controller until the controller ends; return what it said."""
     folder.mkdir(exist_ok=True)
