@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from crawler_model import CommandError, CrawlerError, Scene
 
-from .kernel.lane import find_bad
+from .kernel.command import find_bad
 from .kernel.layout import ALONG
 from .lanes import Lanes
 from .randomise import read_ranges

@@ -19,7 +19,9 @@ from crawler_model.scene.sensors import Sensors
 from crawler_ros.wire.states import find_command, shown_contacts
 
 from ..sweep.workers import available_cores
-from .kernel import lane, layout
+from .kernel import layout
+from .kernel.command import command_one
+from .kernel.observe import observe_some
 from .memory import build_shared, fill_at_rest, has_kernel, view
 from .randomise import assemble, vary_scene
 from .spec import Spec, list_units
@@ -36,7 +38,7 @@ class Lanes:
         results: rows REWARD .. TRUNCATED of each, shape (M, 6).
         actions: written before `step`, shape (M, A).
         skipped: 1 for environments that the next step leaves as they are, shape (M,).
-        log: for each step of each environment the command and the readings, see `kernel.lane.observe`.
+        log: for each step of each environment the command and the readings, see `kernel.observe`.
     """
 
     def __init__(self, spec: Spec, count: int, logs: bool = False, threads: int | None = None) -> None:
@@ -79,9 +81,9 @@ class Lanes:
 
     def _prepare_kernel(self, threads: int | None) -> None:
         """Collect the arguments of the kernel, for each thread."""
-        from .kernel import line
+        from .kernel import step
 
-        self._line = line
+        self._kernels = step
         body, count = self.spec.scene.body, self.count
         motion = LineMotion(body)
         self._state = self._at_rest(self.spec.scene)
@@ -168,7 +170,7 @@ class Lanes:
 
     def _begin(self, which: np.ndarray) -> None:
         if self._has_kernel:
-            self._line.begin_episodes(self._memory, self._clocks, self._bodies, which, self._readings, self.log)
+            self._kernels.begin_episodes(self._memory, self._clocks, self._bodies, which, self._readings, self.log)
         if not self._has_kernel or self._segments:
             self._complete(which, True)
 
@@ -180,10 +182,10 @@ class Lanes:
             for m in np.flatnonzero(self.skipped == 0).tolist():
                 self._follow(m)
         elif self._pool is None:
-            self._line.step_lanes(*self._first)
+            self._kernels.step_lanes(*self._first)
         else:
-            waiting = [self._pool.submit(self._line.step_lanes, *block) for block in self._blocks[1:]]
-            self._line.step_lanes(*self._first)
+            waiting = [self._pool.submit(self._kernels.step_lanes, *block) for block in self._blocks[1:]]
+            self._kernels.step_lanes(*self._first)
             for each in waiting:
                 each.result()
         if not self._has_kernel or self._segments:
@@ -206,7 +208,7 @@ class Lanes:
         memory, shared, crawler = self._memory[m], self.shared, self._crawlers[m]
         row = view(self._memory, shared, layout.ROW)[m]
         held = row.copy()
-        lane.command_one(memory, self._clocks[m], self.actions[m], shared.floats, shared.ints)
+        command_one(memory, self._clocks[m], self.actions[m], shared.floats, shared.ints)
         columns = crawler.scene.columns
         try:
             target = np.array(columns.target(row))
@@ -234,7 +236,7 @@ class Lanes:
                 seconds = np.inf if first else (tick_end_ns(tick + 1, rate) - tick_end_ns(tick, rate)) / 1_000_000_000
                 self._readout.read(self._crawlers[m], seconds, joints[m], feet[m])
                 displacement[m] = self._crawlers[m].displacement.ravel()
-        lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
+        observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- another body -----------------------------------------------------------------------------------------------
 
@@ -245,7 +247,7 @@ class Lanes:
             The command row, shape (C,).
         """
         shared = self.shared
-        lane.command_one(self._memory[0], self._clocks[0], self.actions[0], shared.floats, shared.ints)
+        command_one(self._memory[0], self._clocks[0], self.actions[0], shared.floats, shared.ints)
         return self.row(0)
 
     def observe_readings(self, first: bool, joints: np.ndarray, contacts: np.ndarray) -> None:
@@ -261,7 +263,7 @@ class Lanes:
             view(self._memory, shared, layout.ROW)[0] = find_command(self.spec.scene, joints, self.row(0))
         view(self._memory, shared, layout.JOINTS)[0] = joints.ravel()
         view(self._memory, shared, layout.FEET)[0] = contacts.ravel()
-        lane.observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
+        observe_some(self._memory, self._clocks, which, shared.floats, shared.ints, first, self.log)
 
     # -- readings ---------------------------------------------------------------------------------------------------
 

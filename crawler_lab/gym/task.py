@@ -1,4 +1,4 @@
-"""Tasks: the numbers that define a reward, and towards what an environment moves; `kernel.lane` computes the reward."""
+"""Tasks: the numbers that define a reward, and towards what an environment moves; `kernel.reward` computes it."""
 
 from __future__ import annotations
 

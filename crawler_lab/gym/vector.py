@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from crawler_model import CommandError, CrawlerError, Scene
 
 from .env import build_spaces, describe_bad, read_action
-from .kernel.lane import find_bad
+from .kernel.command import find_bad
 from .kernel.layout import ALONG, GAINED, REWARD, SPENT, TERMINATED, TRUNCATED
 from .lanes import Lanes
 from .randomise import Ranges, read_ranges

@@ -9,8 +9,9 @@ from crawler_model.crawler.readout import read_records
 from crawler_model.motion.account import VISITED
 from crawler_model.motion.line.follow import follow
 
-from .lane import command, end_of_step, observe
+from .command import command, end_of_step
 from .layout import ACCOUNT, DISPLACEMENT, FEET, JOINTS, NS, SKIPPED, STEP, TARGET, open_layout
+from .observe import observe
 
 
 @lean
