@@ -57,11 +57,6 @@ class Walk:
     error: float
     turned: np.ndarray | None = None
 
-    @property
-    def cycle_s(self) -> float:
-        """Simulated time that the last cycle lasted [s]."""
-        return float(self.ends[-1] - self.starts[-1])
-
     def as_plain(self) -> dict[str, Any]:
         """Convert to the values that `crawler compare --json` prints.
 
@@ -167,7 +162,9 @@ def name_walks(sources: Sequence[str]) -> list[str]:
 
 
 def tabulate_walks(walks: Sequence[Walk]) -> Table:
-    """Build the table: the last cycle of each run, and its difference from the first one.
+    """Build the table: the last cycle that all runs have, and its difference from that of the first run.
+
+    Cycles of the same number are compared, because the first ones of a run may be transient.
 
     Args:
         walks: the runs; the others are compared with the first.
@@ -176,27 +173,28 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
         A row for each run.
     """
     first = walks[0]
-    title = f"the last cycle of each run; difference from {first.name}"
+    last = min(walk.starts.size for walk in walks) - 1
+    title = f"cycle {last + 1}, the last that all runs have; difference from {first.name}"
     turns = any(walk.turned is not None for walk in walks)
     columns = ["cycles", "cycle [s]", "translation [m]", *["turned [rad]"] * turns, "difference [m]", "speed [m/s]"]
     columns += ["work [J]", "dissipation [J]"]
     table = Table("run", *(Column(name, justify="right") for name in columns), title=title, title_justify="left")
     size = max(walk.size for walk in walks)
     for walk in walks:
-        gain, cycle = walk.gains[-1], walk.cycle_s
+        gain, cycle = walk.gains[last], float(walk.ends[last] - walk.starts[last])
         alike = walk is not first and gain.size == first.gains.shape[1]
         energies = [
-            "" if np.isnan(part[-1]) else write_energy(float(part[-1]), abs(float(walk.work[-1])))
+            "" if np.isnan(part[last]) else write_energy(float(part[last]), abs(float(walk.work[last])))
             for part in (walk.work, walk.dissipation)
         ]
-        turned = [] if not turns else ["" if walk.turned is None else write_angle(walk.turned[-1])]
+        turned = [] if not turns else ["" if walk.turned is None else write_angle(walk.turned[last])]
         table.add_row(
             walk.name,
             str(walk.starts.size),
             f"{cycle:.6g}",
             write_length(gain, size, walk.error),
             *turned,
-            write_length(gain - first.gains[-1], size) if alike else "",
+            write_length(gain - first.gains[last], size) if alike else "",
             ", ".join(f"{v:.6g}" for v in np.where(np.abs(gain) > ROUNDING * size, gain, 0.0) / cycle),
             *energies,
         )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from crawler_model import load_scene
+from crawler_ros.replay.show.walks import tabulate_walks, walk_of_scene
 
 from ...commands import crawler
 from ...recordings import record
@@ -54,7 +56,19 @@ def test_the_rest_before_the_first_command_is_left_out(folder):
 def test_recordings_alone_are_compared_by_cycles_where_asked(folder):
     assert "commands: the same" in crawler("compare", "monday", "monday", cwd=folder).stdout
     done = crawler("compare", "monday", "./monday", "--by-phase", cwd=folder)
-    assert "the last cycle of each run" in done.stdout
+    assert "cycle 3, the last that all runs have" in done.stdout
+
+
+def test_of_runs_of_other_lengths_cycles_of_the_same_number_are_compared():
+    long, other = (walk_of_scene(name, load_scene("two_anchor_b")) for name in ("long", "short"))
+    long = replace(long, gains=np.arange(10.0)[:, None])
+    short = replace(other, starts=other.starts[:6], ends=other.ends[:6], gains=np.arange(6.0)[:, None])
+    for pair in ([long, short], [short, long]):
+        table = tabulate_walks(pair)
+        assert table.title.startswith("cycle 6, ")
+        columns = {column.header: list(column.cells) for column in table.columns}
+        assert columns["translation [m]"] == ["5", "5"]
+        assert columns["difference [m]"] == ["", "0"]
 
 
 @pytest.mark.parametrize(
