@@ -109,7 +109,7 @@ class Replay:
         Returns:
             Plain numbers, lists and text, schema 1; lengths in m, times in s, energies in J, forces in N.
         """
-        compared = self.comparison
+        compared, gained = self.comparison, self.table.gained
         return {
             "schema": 1,
             "recording": str(self.path),
@@ -121,6 +121,7 @@ class Replay:
             "problems": list(self.problems),
             "health": {name: topic.as_plain() for name, topic in self.topics.items()},
             "complete": self.survey.complete,
+            "net_translation": (gained if gained.shape[1] > 1 else gained[:, 0]).tolist(),
             "cycles": [cycle.as_plain() for cycle in self.cycles],
             "cycle_source": self.cycle_source,
             "slips": self._plain_slips(),

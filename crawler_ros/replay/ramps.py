@@ -161,6 +161,12 @@ class RampTable:
         return bool(np.isfinite(self.yaw).any())
 
     @property
+    def gained(self) -> np.ndarray:
+        """Net translation of each run between resets, from its first state to its last, shape (runs, D) [m]."""
+        ends = np.flatnonzero(np.diff(self.run, append=np.inf))
+        return self.net_translation[ends] - self.net_translation[np.append(0, ends[:-1] + 1)]
+
+    @property
     def turned(self) -> float | None:
         """Angle by which the body turned in the first run between resets [rad]; None where the yaw is not known."""
         return float(self.yaw[self.run == 0][-1] - self.yaw[0]) if self.turns else None

@@ -323,7 +323,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
     table = Table(Column("run", no_wrap=True), *numbers, title=title, title_justify="left")
     size = max(run.table.size for run in runs)
     for run, compared in zip(runs, (None, *found), strict=True):
-        y, angle = run.table.net_translation, run.table.turned
+        gained, angle = run.table.gained, run.table.turned
         row = [run.path.name, "", "", ""]
         if compared is not None:
             row[1:] = [
@@ -334,7 +334,7 @@ def print_all(found: Sequence[RunComparison], screen: Console) -> None:
         work = "" if run.energy is None else f"{run.energy.work:.6g}"
         paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
         turned = [] if not turns else ["" if angle is None else write_angle(angle)]
-        table.add_row(*row, write_length(y[-1] - y[0], size) if len(y) else "", *turned, work, paired)
+        table.add_row(*row, write_length(gained[0], size) if len(gained) else "", *turned, work, paired)
     screen.print(table)
     for compared in found:
         if compared.unpaired:

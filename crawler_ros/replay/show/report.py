@@ -15,7 +15,7 @@ from ..cycle_table import Cycle
 from ..health import TopicHealth
 
 _MOST_CYCLES, _MOST_CONTACTS = 6, 6
-_MOST_RESTS, _MOST_REASONS = 4, 6
+_MOST_RUNS, _MOST_RESTS, _MOST_REASONS = 4, 4, 6
 
 
 def print_replay(replay: Replay, screen: Console) -> None:
@@ -40,6 +40,7 @@ def print_replay(replay: Replay, screen: Console) -> None:
     screen.print(f"{counted}{replay.explanation}")
     if compared is not None and compared.max_difference:
         screen.print(f"largest difference: {compared.max_difference:.3g} m, {compared.max_force_difference:.3g} N")
+    _print_translation(replay, screen)
     _print_cycles(replay, screen)
     _print_slips(replay, screen)
     _print_jumps(replay, screen)
@@ -61,6 +62,16 @@ def _topics(topics: dict[str, TopicHealth]) -> Table:
         rate = "" if topic.rate is None else f"{topic.rate:.6g}"
         table.add_row(name, str(topic.count), rate, stamps, str(topic.missing or ""), ", ".join(wrong))
     return table
+
+
+def _print_translation(replay: Replay, screen: Console) -> None:
+    """Print how far the body went in each run between resets, the first ones."""
+    gained = replay.table.gained
+    lengths = [write_length(run, replay.table.size) for run in gained[:_MOST_RUNS]]
+    if len(lengths) > 1:
+        lengths = [f"{length} (run {k})" for k, length in enumerate(lengths)]
+    more = f"; {len(gained) - _MOST_RUNS} more run(s)" if len(gained) > _MOST_RUNS else ""
+    screen.print(f"net translation from start to end [m]: {'; '.join(lengths) or 'not known'}{more}")
 
 
 def _print_cycles(replay: Replay, screen: Console) -> None:

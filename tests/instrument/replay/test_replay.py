@@ -444,6 +444,11 @@ def test_of_a_folder_of_recordings_the_newest_is_taken(tmp_path):
     done = crawler("replay", tmp_path / "bags")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"{newer}: complete")
+    assert analyse(tmp_path / "bags").path == newer
+    assert simulate_again(tmp_path / "bags").identical
+    (run,) = read_bag(tmp_path / "bags", load_scene("two_anchor_a"), {})
+    assert run.name == newer.name
+    assert crawler("animate", tmp_path / "bags", "--out", tmp_path / "x.html").returncode == 0
 
 
 @pytest.mark.parametrize("verb", [["view", "--png", "x.png"], ["animate", "--out", "x.html"]])
