@@ -169,7 +169,9 @@ def animate(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE|BAG", help="A scene file or gallery name, or a recording: a bag folder or an .mcap file."
+            metavar="SCENE|BAG",
+            help="A scene file or gallery name, or a recording: a bag folder or an .mcap file; "
+            "of a folder of bags, the newest.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="The film to write: .mp4, .gif, or .html with a time slider.")],

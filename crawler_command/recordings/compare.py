@@ -64,9 +64,13 @@ def compare(
     scenes = [run for run in runs if not is_recording(run)]
     if len(scenes) < len(runs):
         require(*READERS)
+    if len(runs) == 1 and not scenes:
+        from crawler_ros.recording.bag_folder import list_bags
+
+        runs = [str(bag) for bag in list_bags(Path(runs[0]))]
+    if len(runs) < 2:
+        raise CrawlerError(f"{runs[0]}: 1 run; a comparison needs two, or a folder of at least two bags")
     if by_phase or scenes:
-        if len(runs) < 2:
-            raise CrawlerError(f"{runs[0]}: 1 run; a comparison needs two, or a folder of at least two bags")
         _compare_walks(_walk_all(runs, scene, namespace), as_json, png)
     else:
         _compare_recordings([Path(run) for run in runs], scene, namespace, as_json, png)
@@ -89,10 +93,9 @@ def _walk_all(runs: Sequence[str], scene: str | None, namespace: str | None) -> 
             if run in scenes:
                 walks.append(walk_of_scene(name, scenes[run]))
             else:
-                from crawler_ros.recording.bag import newest
                 from crawler_ros.replay import analyse
 
-                walks.append(walk_of_recording(name, analyse(newest(Path(run)), loaded, namespace)))
+                walks.append(walk_of_recording(name, analyse(Path(run), loaded, namespace)))
     return walks
 
 
@@ -114,16 +117,11 @@ def _compare_recordings(
     recordings: Sequence[Path], scene: str | None, namespace: str | None, as_json: bool, png: Path | None
 ) -> None:
     from crawler_model import load_scene
-    from crawler_ros.recording.bag import newest
-    from crawler_ros.recording.bag_folder import list_bags
     from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
 
     loaded = None if scene is None else load_scene(scene)
-    paths = list_bags(recordings[0]) if len(recordings) == 1 else [newest(path) for path in recordings]
-    if len(paths) < 2:
-        raise CrawlerError(f"{recordings[0]}: 1 recording; a comparison needs two, or a folder of at least two bags")
     with progress_bar("comparing") as progress:
-        found = compare_all(paths, loaded, namespace, progress)
+        found = compare_all(recordings, loaded, namespace, progress)
     if png is not None:
         from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
 

@@ -30,7 +30,7 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
     never change in a run are values of the scene, not commands, unless the drive of the scene commands them.
 
     Args:
-        path: a bag folder or an .mcap file.
+        path: a bag folder or an .mcap file; of a folder of bags, the newest is read.
         scene: the scene that was measured.
         topics: recorded names by names in the table of topics; others are as the recording lists them.
 
@@ -41,6 +41,7 @@ def read_bag(path: Path, scene: Scene, topics: Mapping[str, str]) -> list[Measur
         BagError: when the file is not a recording.
         MeasurementError: when it contains no positions or no commands.
     """
+    path = bag.newest(path)
     head = bag.Bag({})
     blocks = list(bag.read_blocks(path, head))
     robot = noted_robot(head.attachments) or robot_in("/")

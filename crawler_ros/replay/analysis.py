@@ -13,7 +13,7 @@ from crawler_model.body.drive import NS
 from crawler_model.body.names import name_every_contact
 
 from ..recording.attachments import other_versions
-from ..recording.bag import BagError, recorded_scene
+from ..recording.bag import BagError, newest, recorded_scene
 from ..recording.incidents import Incidents, find_incidents
 from ..recording.recorded_robot import Robot
 from ..wire.measured import MeasuredStates, find_sensors
@@ -181,7 +181,7 @@ def analyse(
     """Read and analyse a recording.
 
     Args:
-        path: a bag folder or an .mcap file.
+        path: a bag folder or an .mcap file; of a folder of bags, the newest is read.
         scene: the scene that ran, for a recording that does not hold it.
         namespace: namespace of the crawler, where several were recorded.
         sinks: callables that receive every ramp, or a function that builds them after the survey.
@@ -193,7 +193,7 @@ def analyse(
     Raises:
         BagError: when the file is not a recording of a crawler.
     """
-    report, path = progress or (lambda part: None), Path(path)
+    report, path = progress or (lambda part: None), newest(Path(path))
     survey = survey_recording(path, lambda part: report(_SURVEYED * part))
     robot = choose_robot(survey, namespace)
     rate = find_rate(survey, robot)
@@ -250,7 +250,8 @@ def simulate_again(path: Path) -> Comparison:
     """Simulate a recording's ledger from its start and compare every recorded state.
 
     Args:
-        path: a bag folder or an .mcap file that holds its scene and `applied_commands`.
+        path: a bag folder or an .mcap file that holds its scene and `applied_commands`; of a folder of bags, the newest
+            is read.
 
     Returns:
         The comparison.
@@ -258,6 +259,7 @@ def simulate_again(path: Path) -> Comparison:
     Raises:
         BagError: when it cannot be read, or holds no scene.
     """
+    path = newest(path)
     survey = survey_recording(path)
     robot = choose_robot(survey, None)
     scene = recorded_scene(survey.path, survey.attachments)

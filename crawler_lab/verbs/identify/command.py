@@ -65,7 +65,10 @@ CommandsOption = Annotated[
 def identify_command(
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="Bag folders, .mcap files, tables of measurements (.csv, .tsv, .txt or .parquet)."),
+        typer.Argument(
+            help="Bag folders, .mcap files, tables of measurements (.csv, .tsv, .txt or .parquet); "
+            "of a folder of bags, the newest."
+        ),
     ],
     scene: Annotated[str, typer.Option(help="The scene that was measured, a file or a gallery name: the first guess.")],
     fit: Annotated[

@@ -183,6 +183,8 @@ def test_a_folder_of_recordings_is_compared_with_its_first(tmp_path):
     assert [[run["recording"][-1] for run in one["runs"]] for one in found] == [["a", "b"], ["a", "c"]]
     assert found[0]["motion"]["first_difference"] is None
     assert found[1]["motion"]["first_difference"] is not None
+    by_phase = crawler("compare", tmp_path / "bags", "--by-phase", "--json")
+    assert [run["name"] for run in json.loads(by_phase.stdout)["runs"]] == ["a", "b", "c"]
     assert Image.open(tmp_path / "x.png").size[0] > 800
     text = crawler("compare", *(tmp_path / "bags" / name for name in "bac")).stdout
     assert "3 runs, each compared with b" in text

@@ -15,13 +15,14 @@ import pytest
 import yaml
 
 from crawler_command.screen import Screen
+from crawler_lab.identify.recorded import read_bag
 from crawler_model import Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag import BagError
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.incidents import find_incidents
-from crawler_ros.replay import analyse
+from crawler_ros.replay import analyse, simulate_again
 from crawler_ros.replay.health import survey_recording
 from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.standstill import Standstill, _last_message
@@ -305,6 +306,10 @@ def test_a_reset_is_no_jump(tmp_path):
     assert len(found.cycles) == 4
     assert [c.run for c in found.cycles] == [0, 0, 1, 1]
     assert found.energy.residual < 1e-12
+    assert found.as_plain()["net_translation"] == pytest.approx([4.0, 4.0])
+    screen = Screen(width=200, record=True)
+    print_replay(found, screen)
+    assert "net translation from start to end [m]: 4 (run 0); 4 (run 1)" in screen.export_text()
 
 
 def test_two_robots_are_told_apart(tmp_path):
