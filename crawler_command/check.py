@@ -18,6 +18,7 @@ from crawler_model.run.simulate import default_duration
 from crawler_model.run.ticks import RATE
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
+from crawler_model.theory.uniqueness import Undecided, commanded_margin
 from crawler_pictures.numbers import error_of, write_length
 
 from .loads_report import print_holding, print_limits, print_pushes
@@ -230,14 +231,9 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
             f"{regularity.rate:g} per second; regular"
         )
-    margin = run.uniqueness_margin
-    if scene.body.dimension == 2:
-        screen.print("uniqueness margin: not decided in the plane; see below whether the run was unique")
-    elif margin is None:
-        screen.print(
-            "uniqueness margin: not decided (too many unequal contacts, a segment with a bound that is not positive, "
-            "or a link that can go slack or stall)"
-        )
+    margin = commanded_margin(scene.body, scene.drive)
+    if isinstance(margin, Undecided):
+        screen.print(f"uniqueness margin: not decided, as {margin.value}; see below whether the run was unique")
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "

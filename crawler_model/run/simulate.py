@@ -14,7 +14,7 @@ from ..crawler.method import Method, choose_method
 from ..crawler.step import Step
 from ..errors import CommandError
 from ..motion.account import SPENT
-from ..theory.uniqueness import commanded_margin
+from ..theory.uniqueness import Undecided, commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
 from .inertia import Inertia, start_meter
 from .screw import follow_turning, gain_in_frame
@@ -232,6 +232,7 @@ class _Run:
         if self.inertia is not None and drive.period is None and self.time_ns[-1] >= drive.times[-1] * NS:
             self.inertia.stop(int(self.time_ns[-1]))
         total = self.total
+        uniqueness = commanded_margin(body, drive)
         margin, when = self.stability or (None, None)
         internal, work, dissipation, loads_work = self.spent.T.copy()
         arrays = (
@@ -271,7 +272,7 @@ class _Run:
             stability_time=when,
             violation=float(total.violation),
             unique=bool(total.unique),
-            uniqueness_margin=commanded_margin(body, drive),
+            uniqueness_margin=None if isinstance(uniqueness, Undecided) else uniqueness,
             visited_margin=float(total.visited),
             visited_margin_sampled=self.crawler.visited_margin_sampled,
             events=int(total.events),

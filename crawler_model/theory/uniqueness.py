@@ -16,6 +16,8 @@ divided into elements does not count; see `choose_translation`.)
 
 from __future__ import annotations
 
+from enum import Enum
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,6 +29,18 @@ UNDETERMINED = "friction does not determine the translation; the one nearest to 
 """What every report tells of a run that is not unique."""
 _MOST_DECIDED = 30
 _FEW_CONTACTS, _FEW_ROWS = 16, 64
+
+
+class Undecided(Enum):
+    """Why a uniqueness margin is not computed; the value is the text for people."""
+
+    PLANE = "condition (*) is one on a line, and the body moves in the plane"
+    FLAT_SPRINGS = "a link without a passive spring can go slack or stall, and may leave a part of the body to itself"
+    BARE_SEGMENT = "a part of a segment has no friction in either direction"
+    UNEQUAL_CONTACTS = f"more than {_MOST_DECIDED} contacts have unequal friction"
+    MANY_COMMANDS = (
+        f"more than {_FEW_ROWS} different frictions are commanded of more than {_FEW_CONTACTS} contacts or segments"
+    )
 
 
 def uniqueness_margin(forward: ArrayLike, backward: ArrayLike) -> float | None:
@@ -74,7 +88,7 @@ def _subset_sums(weight: np.ndarray) -> np.ndarray:
     return sums
 
 
-def commanded_margin(body: Body, drive: Drive) -> float | None:
+def commanded_margin(body: Body, drive: Drive) -> float | Undecided:
     """Compute the uniqueness margin of the friction commanded by a drive.
 
     A segment counts as one contact with the friction of its whole length: if parts of it slide in both directions, the
@@ -87,25 +101,25 @@ def commanded_margin(body: Body, drive: Drive) -> float | None:
         drive: its drive.
 
     Returns:
-        The minimum over the waypoints, in [0, 1/2]; None if one of them is undecided, for more than 64 different rows
-        of more than 16 blocks, if a part of a segment has no friction in either direction, in the plane, and if a
-        spring has flat pieces, which may leave a part of the body to itself.
+        The minimum over the waypoints, in [0, 1/2], or why it is not computed.
     """
-    if body.dimension == 2 or body.has_flat_springs:
-        return None
+    if body.dimension == 2:
+        return Undecided.PLANE
+    if body.has_flat_springs:
+        return Undecided.FLAT_SPRINGS
     for segment in body.segments:
         if (drive.forward + drive.backward)[:, segment.contacts].min() <= 0.0:
-            return None
+            return Undecided.BARE_SEGMENT
     sides = [_blocks(body, rows) for rows in (drive.forward, drive.backward)]
     rows = np.unique(np.hstack(sides), axis=0)
     n = sides[0].shape[1]
     if n > _FEW_CONTACTS and rows.shape[0] > _FEW_ROWS:
-        return None  # each row is a search over subsets, which would take too long
+        return Undecided.MANY_COMMANDS  # each row is a search over subsets, which would take too long
     margins = [uniqueness_margin(row[:n], row[n:]) for row in rows]
     decided = [m for m in margins if m is not None]
     if 0.0 in decided:
         return 0.0
-    return min(decided) if len(decided) == len(margins) else None
+    return min(decided) if len(decided) == len(margins) else Undecided.UNEQUAL_CONTACTS
 
 
 def _blocks(body: Body, friction: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
-from crawler_model.theory.uniqueness import commanded_margin
+from crawler_model.theory.uniqueness import Undecided, commanded_margin
 
 from ..wire.measured import MEASURED, MeasuredStates, find_sensors
 from ..wire.messages import encode_diagnostics, encode_string
@@ -78,7 +78,8 @@ class Simulator(QuietNode):
         self.commands = CommandQueue(self.columns, crawler.row, self.lock_step, limits)
         self._sensors = find_sensors(self.scene.parts.sensors, self.values)
         self.reported, self.reported_commands = TickCounts(), CommandCounts()
-        self.margin = commanded_margin(self.scene.body, self.scene.drive)
+        margin = commanded_margin(self.scene.body, self.scene.drive)
+        self.margin = None if isinstance(margin, Undecided) else margin
         self.regularity = check_regularity(self.scene.drive)
         self.lock = FairLock()
         self.stopping = StopFlag()
@@ -388,7 +389,7 @@ def _build() -> Simulator:
     """Build the node after its kernels are compiled, so that a node in the graph always answers."""
     scout = QuietNode("crawler", start_parameter_services=False, enable_rosout=False)
     try:
-        values = declare_parameters(scout, silent=True)
+        values = declare_parameters(scout)
     finally:
         scout.destroy_node()
     scene = load_scene(expand_home(values["scene"]))

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from crawler_model import Crawler, Scene, simulate
+from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.theory.uniqueness import (
+    Undecided,
     choose_translation,
     commanded_margin,
     translation_interval,
@@ -256,9 +257,22 @@ def test_nothing_resists_and_nothing_is_chosen_but_rest():
 def test_too_many_different_frictions_are_not_decided():
     rows = np.linspace(1.0, 2.0, 65)[:, None] * np.linspace(1.0, 1.5, 17)
     drive = {"times": list(range(65)), "actuation": [[0] * 16] * 65, "friction": {"isotropic": rows.tolist()}}
-    assert margin(scene(17, drive=drive)) is None
+    assert margin(scene(17, drive=drive)) is Undecided.MANY_COMMANDS
     few = {"times": [0, 1], "actuation": [[0] * 16] * 2, "friction": {"isotropic": rows[:2].tolist()}}
     assert margin(scene(17, drive=few)) == pytest.approx(uniqueness_margin(rows[0], rows[0]), abs=1e-12)
+
+
+def test_what_leaves_a_margin_undecided_is_named():
+    bare = {"name": "t", "from": 0.0, "to": 1.0, "stiffness": 1.0, "elements": 4}
+    bare["friction"] = {"isotropic": {"at": [0.0, 0.5, 1.0], "value": [0.0, 0.0, 1.0]}}
+    segment = Scene.model_validate({"name": "s", "body": {"segments": [bare]}})
+    assert margin(segment) is Undecided.BARE_SEGMENT
+    assert simulate(segment, duration=0.1).uniqueness_margin is None
+    assert margin(scene(31, forward=np.linspace(1.0, 2.0, 31).tolist())) is Undecided.UNEQUAL_CONTACTS
+    tendon = {"stiffness": 1.0, "tension": {"least": 0.0}}
+    slack = {"name": "s", "body": {"contacts": [0.0, 1.0], "links": [tendon]}, "friction": {"isotropic": 1.0}}
+    assert margin(Scene.model_validate(slack)) is Undecided.FLAT_SPRINGS
+    assert margin(load_scene("planar_three_points")) is Undecided.PLANE
 
 
 def test_the_interval_wants_one_number_for_each_contact():
