@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import functools
 import os
 from dataclasses import dataclass
 from typing import Any
 
 from ..wire.topics import read_table
+from .life.overrides import describe_unknown, refuse_unknown
 from .life.scheduling import check_priority
 
 _KINDS = {"double": "a number", "integer": "a whole number", "bool": "true or false", "string": "text"}
@@ -56,27 +56,20 @@ def expand_home(path: str) -> str:
     return found
 
 
-def _normalise_overrides(node: Any, silent: bool) -> None:
-    """Convert whole numbers and texts such as 1e3 to doubles, YAML's `off` to text; warn about unknown parameters."""
+def _normalise_overrides(node: Any) -> None:
+    """Convert whole numbers and texts such as 1e3 to doubles, and YAML's `off` to text."""
     from rclpy.parameter import Parameter as RosParameter
 
     overrides = getattr(node, "_parameter_overrides", {})
     for name, override in list(overrides.items()):
         row = read_parameters().get(name)
         if row is None:
-            if not silent and not name.startswith(("qos_overrides", "use_sim_time", "start_type_description_service")):
-                _warn_of_unknown(node, name, list(read_parameters()))
-        elif row.type == "double" and type(override.value) in (int, str):
+            continue
+        if row.type == "double" and type(override.value) in (int, str):
             with contextlib.suppress(ValueError):  # else its declaration refuses it
                 overrides[name] = RosParameter(name, RosParameter.Type.DOUBLE, float(override.value))
         elif row.type == "string" and override.value is False:
             overrides[name] = RosParameter(name, RosParameter.Type.STRING, "off")
-
-
-def _warn_of_unknown(node: Any, name: str, known: list[str]) -> None:
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    hint = f"the nearest is {near[0]!r}" if near else f"the parameters are {', '.join(known)}"
-    node.get_logger().warning(f"unknown parameter {name!r}; {hint}")
 
 
 def warn_of_unused_qos(node: Any) -> None:
@@ -88,21 +81,21 @@ def warn_of_unused_qos(node: Any) -> None:
     known = [name for name in node._parameters if name.startswith("qos_overrides")]
     for name in getattr(node, "_parameter_overrides", {}):
         if name.startswith("qos_overrides") and name not in known:
-            _warn_of_unknown(node, name, known)
+            node.get_logger().warning(describe_unknown(name, known))
 
 
-def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
+def declare_parameters(node: Any) -> dict[str, Any]:
     """Declare the simulator's parameters on a node, with type, range, description and read-only flag.
 
     Args:
         node: an rclpy node.
-        silent: whether to skip the warning about unknown parameters.
 
     Returns:
         The values, by name.
 
     Raises:
-        ValueError: when a value has the wrong type, is not one of the choices or is not permitted.
+        ValueError: when a parameter is unknown, or a value has the wrong type, is not one of the choices or is not
+            permitted.
     """
     from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
     from rclpy.exceptions import InvalidParameterTypeException
@@ -115,7 +108,8 @@ def declare_parameters(node: Any, silent: bool = False) -> dict[str, Any]:
         "bool": RosParameter.Type.BOOL,
     }
     values = {}
-    _normalise_overrides(node, silent)
+    refuse_unknown(node, read_parameters())
+    _normalise_overrides(node)
     for name, row in read_parameters().items():
         descriptor = ParameterDescriptor(
             name=name, type=kinds[row.type].value, description=row.meaning, read_only=not row.runtime

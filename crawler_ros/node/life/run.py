@@ -15,6 +15,7 @@ from crawler_model import CrawlerError
 from ...wire.definitions import find_ament_prefix
 from .exit import leave_at_once, prepare_streams
 from .log_pipe import unblocked_log
+from .overrides import refuse_unknown
 from .shared_memory import remove_orphans
 
 _LEAVING_S = 30.0
@@ -98,6 +99,7 @@ def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words
             if stray:
                 raise ValueError(f"unknown argument {stray[0]!r}; pass parameters as in --ros-args -p scene:=FILE")
             node = build()
+            refuse_unknown(node, node._parameters)
             node.leaves_within_s = _LEAVING_S
         except (ValueError, OSError, ParameterException) as error:
             print(f"{name}: {' '.join(str(error).split())}", file=sys.stderr)
