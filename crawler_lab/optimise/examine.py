@@ -190,6 +190,7 @@ def finish(unknowns: Unknowns, space: Space, found: Found, request: Request, lim
         periods=goal.periods if patched else None,
         interrupted=found.interrupted,
         exhausted=found.exhausted,
+        untried=() if found.complete else tuple(kind.value for kind in found.untried),
         around=around.lines,
         plane=around.plane,
     )

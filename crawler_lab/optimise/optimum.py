@@ -111,6 +111,7 @@ class Optimum:
         robustness: with `robust_to`, how good the gait is on other bodies than in the search.
         interrupted: whether Ctrl-C ended the search.
         exhausted: whether the search ended after as many evaluations as it may take without a time limit.
+        untried: kinds of gaits that the search did not try to their end, because it was stopped.
         around: the objective with one unknown at a time moved between its bounds, shape (P, samples), as
             `landscape.profile` shows it.
         plane: the two unknowns that the objective depends on most, and the objective over both, shape (Y, X), as
@@ -149,6 +150,7 @@ class Optimum:
     robustness: Robustness | None = None
     interrupted: bool = False
     exhausted: bool = False
+    untried: tuple[str, ...] = ()
     around: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     plane: Plane | None = None
 
@@ -213,6 +215,7 @@ class Optimum:
             "seed": self.seed,
             "complete": self.complete,
             "interrupted": self.interrupted,
+            "untried": list(self.untried),
             "wall_s": self.wall_s,
         }
 

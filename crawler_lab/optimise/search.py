@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,17 @@ _SAME = 1e-3
 """Gaits whose unknowns differ by less than this part of their bounds are the same."""
 
 
+class Kind(Enum):
+    """Kinds of gaits that a search tries in turn; the value is the text for people."""
+
+    RANDOM = "random gaits"
+    WAVES = "waves"
+    MIRRORED = "gaits that are their own images"
+    MIXED = "mixtures of optima"
+    EVOLVED = "CMA-ES around the best"
+    CHANGED = "changes of optima"
+
+
 Scored = tuple[float, np.ndarray]
 """A score, and its point."""
 
@@ -56,6 +68,7 @@ class Found:
         interrupted: whether Ctrl-C ended the search.
         complete: whether it ended by itself, so that its result does not depend on the machine.
         exhausted: whether that was after `MOST_EVALUATIONS`.
+        untried: kinds of gaits that were not tried, or not to their end.
     """
 
     point: np.ndarray
@@ -66,6 +79,7 @@ class Found:
     interrupted: bool = False
     complete: bool = False
     exhausted: bool = False
+    untried: list[Kind] = field(default_factory=lambda: list(Kind))
 
 
 def search(
@@ -162,24 +176,32 @@ class _Search:
 
     def round(self, number: int, begin: list[np.ndarray]) -> None:
         """Search once: from random points and waves, from mixed or changed optima, or by CMA-ES around the best."""
-        kind = number % 4
-        if kind == 0:
+        kind = (None, Kind.MIXED, Kind.EVOLVED, Kind.CHANGED)[number % 4]
+        if kind is None:
             self.start_anew(begin)
-        elif kind == 2:
+            return
+        if kind is Kind.EVOLVED:
             self.improve(*self.evolve(self.found.point, self.found.score))
         else:
             for _ in range(_HOPS[self.dimension]):
                 if not self.over():
-                    self.hop(self.mixed if kind == 1 else self.changed)
+                    self.hop(self.mixed if kind is Kind.MIXED else self.changed)
+        self.note_tried(kind)
+
+    def note_tried(self, kind: Kind) -> None:
+        """Note that a kind of gaits was tried to its end, unless the search is over."""
+        if kind in self.found.untried and not self.over():
+            self.found.untried.remove(kind)
 
     def start_anew(self, begin: list[np.ndarray]) -> None:
         """Improve the best of random points, of waves, and of gaits that are their own images."""
-        for points in (
-            [*begin, *self.starts.random_points()],
-            [*self.starts.waves(), *self.starts.on_off_waves(), *self.starts.delayed_points()],
-            self.starts.mirrored_points(),
+        for kind, points in (
+            (Kind.RANDOM, [*begin, *self.starts.random_points()]),
+            (Kind.WAVES, [*self.starts.waves(), *self.starts.on_off_waves(), *self.starts.delayed_points()]),
+            (Kind.MIRRORED, self.starts.mirrored_points()),
         ):
             self.improve_best([self.space.repair(point) for point in points])
+            self.note_tried(kind)
 
     def improve_best(self, points: list[np.ndarray]) -> None:
         """Flip the best of some points, and search locally from the best of these."""

@@ -101,7 +101,9 @@ def _describe_end(found: Optimum) -> str:
 
     if found.complete and found.exhausted:
         return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
-    return _NOTHING_BETTER if found.complete else _STOPPED_EARLY
+    if found.complete:
+        return _NOTHING_BETTER
+    return f"{_STOPPED_EARLY}; not tried to the end: {', '.join(found.untried)}" if found.untried else _STOPPED_EARLY
 
 
 def _number(value: float, digits: int = 6) -> str:

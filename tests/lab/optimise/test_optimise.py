@@ -19,6 +19,7 @@ from crawler_lab.optimise.request import Request
 from crawler_lab.optimise.search import _STALE_ROUNDS, _Search, search
 from crawler_lab.optimise.space import Space
 from crawler_lab.optimise.starts import Starts
+from crawler_lab.verbs.optimum_report import describe_optimum
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 pytest.importorskip("cma")
@@ -48,6 +49,7 @@ def test_four_contacts_gain_more_than_twice_their_stroke():
     assert found.unique
     assert found.alternatives[0].value < 0.19
     assert found.complete
+    assert found.untried == ()
 
 
 @pytest.mark.parametrize("stroke", [0.02, 0.05, 0.3])
@@ -343,6 +345,7 @@ def test_ctrl_c_keeps_the_best_so_far():
     assert not found.complete
     assert found.value > 0.0
     assert json.loads(json.dumps(found.summary()))["complete"] is False
+    assert found.untried
 
 
 def test_a_time_limit_ends_the_search():
@@ -350,6 +353,8 @@ def test_a_time_limit_ends_the_search():
     assert not found.complete
     assert found.evaluations < 500
     assert found.value >= 0.0
+    assert "CMA-ES around the best" in found.summary()["untried"]
+    assert f"not tried to the end: {', '.join(found.untried)}" in describe_optimum(found)[-1]
 
 
 @pytest.mark.slow
