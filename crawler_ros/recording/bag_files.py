@@ -105,7 +105,8 @@ def _advise_conversion(path: Path) -> str:
     out = f"{{uri: {path.stem}_mcap, storage_id: mcap, all: true}}"
     return (
         f"{path}: an sqlite3 bag, and only MCAP is read; convert it with "
-        f"echo 'output_bags: [{out}]' > convert.yaml && ros2 bag convert -i {path} -o convert.yaml"
+        f"echo 'output_bags: [{out}]' > convert.yaml && ros2 bag convert -i {path} -o convert.yaml, or without "
+        f"ROS 2 by pip install rosbags && rosbags-convert --src {path} --dst {path.stem}_mcap --dst-storage mcap"
     )
 
 

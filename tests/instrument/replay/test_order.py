@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +17,7 @@ from crawler_ros.replay import analyse
 from crawler_ros.replay.health import survey_recording
 
 from ...commands import crawler
-from ...recordings import attachments, messages, play, write
+from ...recordings import attachments, messages, play, record, write
 from .mcap_files import VARIANTS, Held, Variant, change_effort, hold, shuffled, write_variant
 
 NS = 1_000_000_000
@@ -261,6 +264,19 @@ def test_an_sqlite_bag_is_refused_with_the_command_that_converts_it(tmp_path, na
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "storage_id: mcap, all: true}]' > convert.yaml && ros2 bag convert -i " in done.stderr
+
+
+def test_an_sqlite_bag_is_read_after_the_conversion_that_needs_no_ros(tmp_path):
+    original = record(tmp_path / "original", "two_anchor_a", 1)
+    tool = str(Path(sys.executable).with_name("rosbags-convert"))
+    subprocess.run([tool, "--src", original, "--dst", tmp_path / "bag", "--dst-storage", "sqlite3"], check=True)
+    refused = crawler("replay", "bag", cwd=tmp_path)
+    program, *words = shlex.split(refused.stderr.rpartition("pip install rosbags && ")[2])
+    assert program == "rosbags-convert"
+    subprocess.run([tool, *words], cwd=tmp_path, check=True)
+    found = analyse(tmp_path / "bag_mcap", load_scene("two_anchor_a"))
+    assert found.comparison is not None
+    assert found.comparison.identical
 
 
 def test_bytes_that_are_no_message_are_named_with_their_file(tmp_path, recorded):
