@@ -282,6 +282,9 @@ def load_scene(path_or_name: str | Path) -> Scene:
     if _is_path(text):
         there = "not a file: a scene is read from a regular file" if path.exists() else "no such file"
         raise SceneError(f"{text}: {there}")
+    files = [name for name in (f"{text}.yaml", f"{text}.yml") if Path(name).is_file()]
+    if files:
+        raise SceneError(f"{text}: no scene of the gallery; a file is named with its ending, {files[0]}")
     nearest = difflib.get_close_matches(text, known, n=1, cutoff=0.5)
     hint = f"the nearest is {nearest[0]!r}" if nearest else f"there are {', '.join(known)}"
     raise SceneError(f"{text}: no such file, nor a scene of the gallery; {hint}")

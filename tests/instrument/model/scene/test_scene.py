@@ -261,6 +261,13 @@ def test_a_scene_is_frozen_and_its_arrays_too():
             array[0] = 1.0
 
 
+def test_a_file_that_is_named_without_its_ending_is_recognised(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text(json.dumps(GOOD))
+    with pytest.raises(SceneError, match=r"mine: .* a file is named with its ending, mine\.yaml"):
+        load_scene("mine")
+
+
 def test_load_by_path_and_by_name(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(json.dumps(GOOD))
