@@ -172,7 +172,7 @@ def _contacts(run: Trajectory) -> Table:
     drive = scene.drive
     if planar and scene.columns.loads:
         force = force + drive.loads[0].reshape(-1, 2)
-    size = 100.0 * float(np.abs(run.tension[0]).max(initial=0.0))
+    size = 100.0 * float(np.abs(run.tension).max(initial=0.0))
     last = -1
     for i in _shown(body):
         if i != last + 1:

@@ -92,6 +92,15 @@ def test_check_every_scene_of_the_gallery(name, tmp_path):
     assert (tmp_path / "d.png").stat().st_size > 5_000
 
 
+def test_forces_that_are_rounding_are_zero(tmp_path):
+    """The links of a relaxed start have the tension that rounding leaves of two equal lengths."""
+    document = load_scene("three_contacts_one_way").document() | {"start": "relaxed"}
+    document["drive"] = {"wave": {"amplitude": 0.05, "wavelength": 0.3, "period": 1.0}}
+    (tmp_path / "x.yaml").write_text(json.dumps(document))
+    rows = [line.split("│") for line in good("check", str(tmp_path / "x.yaml")).splitlines() if line.startswith("│")]
+    assert [row[5].strip() for row in rows] == ["0", "0", "0"]
+
+
 def test_check_prints_json_for_programs():
     found = json.loads(good("check", "three_contacts_one_way", "--json"))
     assert (found["schema"], found["scene"], found["dimension"]) == (1, "three_contacts_one_way", 1)
