@@ -73,6 +73,13 @@ def _random_loads(n: int) -> tuple[Scene, np.ndarray]:
     return _from_start(_chain("random", n), widths * (_FRICTION["forward"] + _FRICTION["backward"]))
 
 
+def _stalling(n: int) -> tuple[Scene, np.ndarray]:
+    """Motors whose limits are sums of the friction of contacts, so that parts of the body are free."""
+    scene = wave_scene(n, 20.0)
+    links = {"stiffness": 1.0, "tension": sum(_FRICTION.values())}
+    return _sampled(_changed(scene, body=scene.document()["body"] | {"links": links}, start="relaxed"))
+
+
 def _patches(n: int, count: int) -> tuple[Scene, np.ndarray]:
     length = n / count
     patches = [{"from": (k + 0.3) * length, "to": (k + 0.8) * length, "friction": 0.6} for k in range(count)]
@@ -145,6 +152,7 @@ DRIVES: dict[str, GrowthDrive] = {
     "waves of 20 links": GrowthDrive(lambda n: _sampled(wave_scene(n, 20.0))),
     "five waves": GrowthDrive(lambda n: _sampled(wave_scene(n, *_five(n)))),
     "random loads": GrowthDrive(_random_loads),
+    "motors that stall at a balance": GrowthDrive(_stalling, (100, 300, 1_000), ("exact",)),
     "eleven patches": GrowthDrive(lambda n: _patches(n, 11), methods=("exact",)),
     "stretched by 50 %": GrowthDrive(lambda n: _stretched(n, 0.5)),
     "five waves of strain": GrowthDrive(_segment_waves),

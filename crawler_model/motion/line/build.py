@@ -45,8 +45,9 @@ PATIENCE = 10
 """Rounds, in addition to one for each contact, without fewer violations before contacts are exchanged one by one:
 sliding may spread from both ends of a body by one contact a round."""
 FEW_CONTACTS = 256
-"""Contacts up to which the margin is computed and all parts are looked at for critical states at every event. In larger
-bodies the margin is computed at the ends of ramps, and only parts in which rates are new are looked at."""
+"""Contacts up to which the margin is computed at every event and, on ground, all parts are looked at for critical
+states. In larger bodies the margin is computed at the ends of ramps, and only parts in which rates are new are looked
+at."""
 TOGETHER = 20
 """Knots passed at one place on the ramp before they are passed one after another, by Murty's rule."""
 TURNS = 30

@@ -13,8 +13,9 @@ from ...rounding import CRITICAL
 from .advance import advance, advance_spring
 from .block import BEGINS, find_block, leave_bounds, list_contact, passes_guard
 from .clusters import fall_asleep, set_clusters
+from .critical.interval import follow_strays, follow_strays_of_block
 from .critical.margin import sample_margin
-from .critical.translation import choose, note_interval
+from .critical.translation import choose, chooses_alone, note_interval, release_parts
 from .ground.borders import catch, leave_border, reach_border, rest_on_border
 from .ground.bounds import follow_ground, rate_at_bound
 from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets_chord
@@ -75,6 +76,8 @@ def _set_rates_of_mesh(contacts, springs, model, matrix, ramp, count):
 def _set_rates(contacts, springs, model, ramp, count):
     """Advance a solved block to s, and give its contacts and springs the rates that were found."""
     block, s = model.block, ramp.s
+    if chooses_alone(model) and not ramp.stepping:
+        follow_strays_of_block(contacts, springs, model, model.curves, ramp, count)
     set_clusters(springs, block, model.clusters, ramp, count)
     for j in range(count + 1):
         e = block[j]
@@ -231,6 +234,8 @@ def _meet(contacts, springs, model, ramp):
     i = find_earliest(contacts)
     while contacts[i].next <= ramp.s:
         c = contacts[i]
+        if chooses_alone(model):
+            follow_strays(contacts, springs, model, model.curves, ramp, i)
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
         if is_due(c, model.ground, ramp, i):
@@ -253,6 +258,8 @@ def _meet(contacts, springs, model, ramp):
         i = find_earliest(contacts)
         if passes_singly(model.curves, ramp):
             break
+    if chooses_alone(model):
+        return release_parts(contacts, springs, model, model.curves, ramp, count)
     if ramp.shifted or is_curved(model.ground, ramp):
         count = _list_blocks(contacts, model, ramp, count)
     return count
@@ -286,7 +293,7 @@ def _schedule_resting(contacts, springs, model, ramp):
 def _choose(contacts, springs, model, ground, curves, ramp, count):
     """Choose the translation at s if it is free; borders and knots are then met at other instants."""
     choose(contacts, springs, model, curves, ramp, count)
-    if ramp.shifted and (ground is not None or curves is not None):
+    if ramp.shifted and ground is not None:
         for i in range(contacts.shape[0]):
             leave_border(contacts[i], ground, ramp, i)
             schedule_next(contacts, springs, model, ramp, i)
@@ -437,7 +444,7 @@ def follow_events(contacts, springs, model, ramp):
             count = _list_blocks(contacts, model, ramp, count)
             continue
         s = end_chord(ground, ramp, s)
-        if ramp.shifted or ramp.strays:
+        if (ramp.shifted or ramp.strays) and not chooses_alone(model):
             note_interval(contacts, springs, model.curves, ramp, min(s, ramp.end))
         note_piece(model.pieces, contacts, ramp, min(s, 1.0))
         if ramp.shifted:

@@ -11,7 +11,7 @@ from .. import account as entries
 from .advance import advance, advance_spring
 from .block import leave_bounds, size_of_terms
 from .clusters import wake_all
-from .critical.interval import add_interval, begin_interval
+from .critical.interval import add_interval, begin_interval, begin_strays, follow_all_strays
 from .critical.margin import find_margin
 from .events import follow_events
 from .ground.borders import ROUNDING
@@ -61,6 +61,7 @@ def _begin(contacts, springs, model, ramp, target):
         ramp.parted
     ) = 0
     ramp.search.undetermined = ramp.search.loose = ramp.passed = 0
+    begin_strays(model.curves, 0.0)
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     begin_chords(model.ground, ramp)
     span = ramp.span
@@ -249,6 +250,7 @@ def _follow_ramp(contacts, springs, model, ramp, target):
                 ramp.exact, how = 1, FOLLOWS
         if how == FOLLOWS:
             outcome = follow_events(contacts, springs, model, ramp)
+            follow_all_strays(contacts, springs, model.curves, ramp, ramp.s)
         stored = _finish(contacts, springs, model, ramp, target)
         how = _continue(contacts, springs, model, model.ground, ramp, outcome)
         if how == ENDS or not _begin(contacts, springs, model, ramp, target):

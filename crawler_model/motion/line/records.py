@@ -333,7 +333,7 @@ RAMP = np.dtype(
         ("stepping", _BYTE),  # whether the ramp is one implicit step
         ("fraction", _FLOAT),  # of the change of its commands for which that is solved, 0 .. 1
         ("begun", _BYTE),  # whether the first stretch has begun, and the tournament holds all events
-        ("shifted", _BYTE),  # 1 if the present stretch has a chosen translation, SEVERAL if it could be another one
+        ("shifted", _BYTE),  # 1 if a translation is chosen anew at s, SEVERAL if it could be another one
         ("effort", _LONG),  # contacts solved so far, counted in every round
         ("budget", _LONG),  # effort beyond which the ramp is completed by one implicit step
         ("exact", _BYTE),  # whether ramps are followed from event to event, or each by one implicit step

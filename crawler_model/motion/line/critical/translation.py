@@ -10,14 +10,16 @@ import numpy as np
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, NOISE, SHORTEST_STRETCH
 from ..advance import advance
-from ..block import leave_bounds
+from ..block import leave_bounds, list_contact
 from ..clusters import wake_all
 from ..ground.falls import draw_all
 from ..ground.gradual import holds_body
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
-from ..springs.bends import find_lengths, near_of
+from ..springs.bends import find_lengths, is_flat, near_of
+from ..springs.knots import time_contact
 from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
-from .interval import follow_strays, let_stray
+from ..timing import schedule_next
+from .interval import follow_all_strays, follow_strays, forget_strays, let_stray
 from .margin import find_near_part, is_critical, is_near, sample_margin
 
 
@@ -229,13 +231,14 @@ def note_interval(contacts, springs, curves, ramp, until):
         until: where the stretch that begins at s ends.
     """
     ds = until - ramp.s
-    lasts = ramp.shifted == SEVERAL and ds * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.fall.falling
-    if lasts:
+    if ramp.shifted == SEVERAL and ds * (1.0 - ramp.done) > SHORTEST_STRETCH and not ramp.fall.falling:
         ramp.account.ambiguous = 1.0
         if curves is None:
             ramp.account.gain_least += ramp.slower * ds
             ramp.account.gain_most += ramp.faster * ds
-    follow_strays(contacts, springs, curves, ramp, until, lasts)
+    follow_all_strays(contacts, springs, curves, ramp, until)
+    if curves is not None and not ramp.fall.falling:
+        forget_strays(curves)
 
 
 @inlined
@@ -245,9 +248,82 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
         sample_margin(contacts, springs, model, curves, ramp)
     critical = is_critical(contacts, springs, model, curves, ramp)
     if (critical or _is_free(contacts, curves, ramp)) and not holds_body(contacts, model.ground, ramp):
+        if chooses_alone(model):
+            _shift_part(contacts, springs, model, curves, ramp)
+            return
         if not ramp.shifted:
             _begin_shift(contacts, springs, model, ramp)
         _shift(contacts, springs, model, curves, ramp, ramp.s, ramp.until)
+
+
+@inlined
+def chooses_alone(model):
+    """Determine whether the translation of each part lasts until an event of its own: springs are bent, without ground.
+
+    Returns:
+        Whether it does.
+    """
+    return model.curves is not None and model.ground is None
+
+
+@lean
+def _shift_part(contacts, springs, model, curves, ramp):
+    """Choose the translation of the present part for the rest of the ramp, and find the next events that it changes.
+
+    Flat springs at the ends of the part must stay flat up to there, so that another choice on the way is the same one.
+    """
+    if curves is None:
+        return
+    ramp.shifted = max(ramp.shifted, 1)
+    wake_all(contacts, springs, model.clusters, ramp)
+    for r in range(ramp.first, ramp.last):
+        follow_strays(contacts, springs, model, curves, ramp, curves.members[r])
+    for r in range(ramp.first, ramp.last):
+        c = contacts[curves.members[r]]
+        leave_bounds(c, ramp)
+        advance(c, ramp, ramp.s)
+        curves.strays[curves.members[r]].begun = ramp.s
+    _shift(contacts, springs, model, curves, ramp, ramp.s, ramp.end)
+    for r in range(ramp.first, ramp.last):
+        i = curves.members[r]
+        c = contacts[i]
+        curves.strays[i].chosen = 1
+        schedule_next(contacts, springs, model, ramp, i)
+        for k in range(c.first, c.last):
+            end = model.ends[k]
+            if end.sign < 0.0 and side_of(springs[end.spring], curves, ramp.present) != 0:
+                time_contact(contacts, springs, model, ramp, end.other)
+
+
+@lean
+def release_parts(contacts, springs, model, curves, ramp, count):
+    """List all contacts of the parts of listed ones whose translation is chosen: it is then chosen anew.
+
+    Args:
+        ramp: the RAMP; `shifted` is set if there are any.
+        count: how many contacts are listed.
+
+    Returns:
+        How many are listed now.
+    """
+    if curves is None:
+        return count
+    ramp.shifted, read = 0, 0
+    while read < count:
+        i = model.listed[read]
+        c, stray = contacts[i], curves.strays[i]
+        read += 1
+        if not stray.chosen:
+            continue
+        follow_strays(contacts, springs, model, curves, ramp, i)
+        ramp.shifted, stray.chosen, stray.slower, stray.faster = 1, 0, 0.0, 0.0
+        leave_bounds(c, ramp)
+        advance(c, ramp, ramp.s)
+        for k in range(c.first, c.last):
+            end = model.ends[k]
+            if curves.strays[end.other].chosen and not is_flat(springs[end.spring], curves):
+                count = list_contact(contacts, model.listed, end.other, count)
+    return count
 
 
 @lean
@@ -265,18 +341,20 @@ def _choose_where_new(contacts, springs, model, curves, ramp, count):
 def choose(contacts, springs, model, curves, ramp, count):
     """Choose the translation of each part that is free at s: `shifted` is then set.
 
-    All blocks are then solved at the next event, and all parts looked at, as at the start of the ramp. The contacts of
-    a critical part need not be listed there: their forces may have come to their bounds just as a ramp ended.
+    Where springs are bent, without ground, it lasts until an event of its part, see `release_parts`. Elsewhere all
+    blocks are solved at the next event, and all parts looked at, as at the start of the ramp. The contacts of a
+    critical part need not be listed there: their forces may have come to their bounds just as a ramp ended.
 
     Args:
         count: number of contacts that were listed to be solved around.
     """
     anew = ramp.shifted != 0 or not ramp.begun
+    alone = chooses_alone(model) and ramp.begun
     ramp.shifted = 0
     if curves is None:
         _choose_in_part(contacts, springs, model, curves, ramp)
         return
-    if contacts.shape[0] > ramp.few and not anew:
+    if alone or (contacts.shape[0] > ramp.few and not anew):
         _choose_where_new(contacts, springs, model, curves, ramp, count)
         return
     begin_parts(contacts, springs, model, curves, ramp)

@@ -157,6 +157,7 @@ def begin_bend(spring, curves, ramp):
         return
     bend = curves.bends[spring.bend]
     bend.command, bend.excess, bend.next = spring.d_length, 0.0, np.inf
+    bend.begun = 0.0
     bend.yielded = 0.0 if bend.slid else np.inf
     bend.slipped = 0
     u, z = spring.elongation - spring.length, spring.elongation

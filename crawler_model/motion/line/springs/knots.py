@@ -25,7 +25,7 @@ def _pass_knot(contacts, spring, ground, curves, ramp):
     if bend.coming >= TURN:
         turn_slider(curves.sliders, bend, ramp, z, bend.coming - TURN)
     change_piece(contacts, spring, bend, curves, ramp, bend.coming)
-    bend.next = np.inf
+    bend.next, bend.begun = np.inf, ramp.s
     if bend.yields:
         bend.yielded = ramp.s
         if spring.stiffness > 0.0:  # it rests at a knot of its other curve, too
@@ -81,11 +81,11 @@ def time_knots(contacts, springs, model, curves, ramp, count):
             end = model.ends[k]
             o = contacts[end.other]
             if end.sign < 0.0 and o.mark != c.mark and springs[end.spring].bend >= 0:
-                _time_contact(contacts, springs, model, ramp, end.other)
+                time_contact(contacts, springs, model, ramp, end.other)
 
 
 @lean
-def _time_contact(contacts, springs, model, ramp, i):
+def time_contact(contacts, springs, model, ramp, i):
     """Advance a contact to s, and find its next event anew."""
     if ramp.fall.falling:
         draw(contacts, model.ground, ramp, i)

@@ -37,6 +37,7 @@ BEND = np.dtype(
         # 3 and above a slider that begins or ceases to yield, see `springs.sliders`
         ("yields", _BYTE),  # whether the spring rests there, and would be flat behind it
         ("yielded", _FLOAT),  # place on the ramp where it last passed such a knot; infinite if nowhere
+        ("begun", _FLOAT),  # place on the ramp from which it has been on its pieces
         ("slid", _BYTE),  # whether a slide that ends where the ramp goes on has led it over a knot
         ("excess", _FLOAT),  # in an implicit step: tension at its start on the lines of these pieces, less T [N]
         ("kept_actuator", _INT),  # pieces in the last part of that which has been solved
@@ -72,9 +73,13 @@ STRAY = np.dtype(
         ("faster", _FLOAT),  # the same, > 0 [m]
         ("least", _FLOAT),  # what other motions of this call may add to its displacement, from where [m]
         ("most", _FLOAT),  # to where [m]
-        ("kept_least", _FLOAT),  # what of `least` lasts through the present stretch in any case [m]
-        ("kept_most", _FLOAT),  # what of `most` does [m]
+        ("kept_least", _FLOAT),  # what of `least` lasted from `begun` to `since` in any case [m]
+        ("kept_most", _FLOAT),  # what of `most` did [m]
+        ("since", _FLOAT),  # place on the ramp up to which these are known
+        ("begun", _FLOAT),  # place before that from which the contact has gone on straight
         ("part", _INT),  # number of its part of the body: in the list of all parts the place of its first contact
+        ("behind", _INT),  # the next one in a queue of contacts; itself at the end, -1 outside
+        ("chosen", _BYTE),  # whether the translation of its part is a chosen one, on ground without patches
     ],
     align=True,
 )

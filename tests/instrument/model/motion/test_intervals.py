@@ -16,6 +16,8 @@ from ..bent_bodies import draw_body
 MOTOR = {"stiffness": 2.0, "tension": {"least": -1.0, "most": 1.0}}
 SLACK = {"passive": {"stops": {"shortest": -40.0, "longest": 400.0, "stiffness": 1.0}}}
 """A link without tension as long as nothing goes far: a body behind it is a body of its own."""
+SCALES = {"forward": 0.1, "backward": 0.37}
+"""Friction of a contact of a body that walks."""
 
 
 def stalling(contacts: int) -> Crawler:
@@ -134,6 +136,38 @@ def test_looking_only_where_rates_are_new_changes_nothing(first, monkeypatch):
     for document in documents:
         monkeypatch.setattr(build, "FEW_CONTACTS", 256)
         several += compare([document], lean)
+    assert several > 10
+
+
+def beside_a_walker(document: dict[str, Any], count: int) -> dict[str, Any]:
+    """The same body, and behind a slack link another one whose links lengthen and shorten in turn."""
+    other = padded(document, count)
+    actuation = other["drive"]["actuation"]
+    for k, row in enumerate(actuation):
+        row[1 - count :] = [0.4 * (np.sin(1.7 * k + i) - np.sin(i)) for i in range(count - 1)]
+    friction = {side: other["friction"][side][:-count] + [bound] * count for side, bound in SCALES.items()}
+    commands = {
+        side: [[*row[:-count], *[bound] * count] for row in other["drive"]["friction"][side]]
+        for side, bound in SCALES.items()
+    }
+    return other | {"friction": friction, "drive": other["drive"] | {"friction": commands}}
+
+
+def test_what_happens_elsewhere_changes_no_free_part():
+    """A translation that is chosen lasts until an event of its own part."""
+    several = 0
+    for document in random_bodies(0, 150):
+        n = len(document["body"]["contacts"])
+        try:
+            here = run(document)
+        except CommandError:  # loads that nothing holds
+            continue
+        for (x, step), (x_other, step_other) in zip(here, run(beside_a_walker(document, 6)), strict=True):
+            assert step_other.unique == step.unique
+            assert x_other[:n] == pytest.approx(x, abs=1e-10)
+            if not step.unique:
+                several += 1
+                break
     assert several > 10
 
 
