@@ -186,6 +186,7 @@ def _vertices(
     """List times [ns], increasing, and rows of the commands of a run; a command is held until the next message.
 
     Rows follow the stamps `begin` by the times `after`, and `until` is the end [ns]; `first` is in force at the start.
+    Commands that a tick followed at once, as they had arrived late, are a nanosecond apart: the motion depends on all.
     """
     times, rows = [int(begin[0])], [first]
     for stamp, row, offsets in zip(begin.tolist(), points, after, strict=True):
@@ -195,9 +196,6 @@ def _vertices(
             times.append(stamp)
             rows.append(rows[-1])
         for point, offset in zip(row, offsets.tolist(), strict=True):
-            if stamp + offset > times[-1]:
-                times.append(stamp + int(offset))
-                rows.append(point)
-            else:
-                rows[-1] = point
+            times.append(max(stamp + int(offset), times[-1] + 1))
+            rows.append(point)
     return np.array(times, np.int64), np.array(rows)

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from crawler_lab.identify.measurements import MeasurementError, check_measurements
-from crawler_model import Scene
+from crawler_lab.identify.recorded import read_bag
+from crawler_model import Crawler, Scene, load_scene
+from crawler_model.body.drive import NS
 
+from ...recordings import attachments, messages, play, write
 from .synthetic import chain, measure, walk
 
 SCENE = Scene.model_validate(chain(3))
@@ -98,3 +101,24 @@ def test_columns_that_do_not_fit_the_scene_are_refused(changes, message):
     with pytest.raises(MeasurementError) as error:
         check_measurements(SCENE, dataclasses.replace(found, **changes))
     assert message in str(error.value)
+
+
+def test_of_commands_that_a_tick_followed_at_once_the_path_is_kept(tmp_path):
+    """A trajectory that arrives late is followed from its first point; its last point alone would move otherwise."""
+    scene = load_scene("three_contacts_two_ways")
+    drive = scene.drive
+    ticks = list(play(scene, 0, 3 * NS // 2))
+    vertices = [row for _, _, rows in ticks for row in rows]
+    late = [(start, [], []) for start, _, _ in ticks[:-1]]
+    late.append((ticks[-1][0], [0] * (len(vertices) - 1) + [NS // 100], vertices))
+    sent = list(messages(scene, late))
+    (found,) = read_bag(write(tmp_path / "late", sent, attachments(scene)), scene, {})
+    assert (np.diff(found.command_time) > 0.0).all()
+    crawler = Crawler(scene)
+    for row in found.commands:
+        crawler.advance(row)
+    moved = found.values[-1] - found.values[0]
+    assert np.abs(moved).max() > 0.01 * np.abs(drive.actuation).max()
+    assert crawler.displacement == pytest.approx(moved, abs=1e-12)
+    at_rest = found.command_time < ticks[-1][0] / NS
+    assert (found.commands[at_rest] == found.commands[0]).all()
