@@ -22,8 +22,10 @@ from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets
 from .ground.couplings import couplings_of, follow_couplings, is_coupled
 from .ground.driving import drive
 from .ground.falls import begin_fall, draw, draw_spring, end_fall, find_due, find_due_at_end, has_fallen, is_due
+from .ground.gradual import is_gradual
 from .ground.tipping import tip
 from .ground.turns import turns
+from .ground.unstable import end_of_instant, meet_close_bounds
 from .notes import note_all, note_arrival, note_piece, note_state
 from .path import elongation_rate
 from .pivot import ROUNDING, find_sides
@@ -186,25 +188,30 @@ def solve_listed(contacts, springs, model, ramp, count):
         count: how many contacts are listed. Contacts inside their bounds are in no block, except in an implicit step.
 
     Returns:
-        False as soon as no rates are found.
+        False if no rates are found around one of them; where it jumps, the others are solved for as well.
     """
-    before = ramp.search.block
+    before, due = ramp.search.block, 0
     for j in range(count):
         i = model.listed[j]
         acts = contacts[i].bounds_met != 0 or is_coupled(couplings_of(model.ground))
         solves = ramp.stepping or (acts and contacts[i].mark <= before)
         if solves and not _solve_around(contacts, springs, model, ramp, i):
-            return False
-    return True
+            if due == 0:
+                due = ramp.fall.due
+            if due == 0 or not is_gradual(model.ground):
+                return False
+            ramp.fall.due = due
+    return due == 0
 
 
 @inlined
-def _list_blocks(contacts, model, ramp, count):
+def _list_blocks(contacts, springs, model, ramp, count):
     """List all contacts at bounds, each advanced to s; returns how many are listed."""
     for i in range(contacts.shape[0]):
         c = contacts[i]
         leave_bounds(c, ramp)
         advance(c, ramp, ramp.s)
+        meet_close_bounds(contacts, springs, model, model.ground, ramp, i)
         if c.bounds_met != 0:
             count = list_contact(contacts, model.listed, i, count)
     return count
@@ -230,9 +237,9 @@ def _stop(contacts, springs, model, ramp, i, count):
 @inlined
 def _meet(contacts, springs, model, ramp):
     """Let all contacts whose event is due at s reach their bound or border; returns how many are listed."""
-    count = 0
+    count, until = 0, end_of_instant(model.ground, ramp)
     i = find_earliest(contacts)
-    while contacts[i].next <= ramp.s:
+    while contacts[i].next <= until:
         c = contacts[i]
         if chooses_alone(model):
             follow_strays(contacts, springs, model, model.curves, ramp, i)
@@ -261,7 +268,7 @@ def _meet(contacts, springs, model, ramp):
     if chooses_alone(model):
         return release_parts(contacts, springs, model, model.curves, ramp, count)
     if ramp.shifted or is_curved(model.ground, ramp):
-        count = _list_blocks(contacts, model, ramp, count)
+        count = _list_blocks(contacts, springs, model, ramp, count)
     return count
 
 
@@ -336,7 +343,7 @@ def _return_to_ramp(contacts, springs, model, ground, ramp, count):
     count = end_fall(contacts, springs, model, ground, ramp, count)
     if is_curved(ground, ramp):
         begin_chord(ground, ramp)
-        count = _list_blocks(contacts, model, ramp, count)
+        count = _list_blocks(contacts, springs, model, ramp, count)
     return count
 
 
@@ -411,7 +418,7 @@ def follow_events(contacts, springs, model, ramp):
     """
     ground = model.ground
     ramp.account.events += 1.0
-    count = _list_blocks(contacts, model, ramp, 0)
+    count = _list_blocks(contacts, springs, model, ramp, 0)
     begin_chord(ground, ramp)
     if has_fallen(contacts, ground):
         count = begin_fall(contacts, springs, model, ground, ramp, count)
@@ -421,7 +428,7 @@ def follow_events(contacts, springs, model, ramp):
         # rates
         if ramp.fall.due == 0 and not _solve_blocks(contacts, springs, model, ramp, count):
             if halve_chord(ground, ramp):
-                count = _list_blocks(contacts, model, ramp, count)
+                count = _list_blocks(contacts, springs, model, ramp, count)
                 continue
             over = _is_over(contacts, springs, ramp)
             if over and ramp.fall.falling:
@@ -441,7 +448,7 @@ def follow_events(contacts, springs, model, ramp):
         # the next event
         s = contacts[find_earliest(contacts)].next
         if meets_chord(ground, ramp, s):
-            count = _list_blocks(contacts, model, ramp, count)
+            count = _list_blocks(contacts, springs, model, ramp, count)
             continue
         s = end_chord(ground, ramp, s)
         if (ramp.shifted or ramp.strays) and not chooses_alone(model):

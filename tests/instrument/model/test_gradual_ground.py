@@ -119,6 +119,66 @@ def test_a_jump_that_more_than_one_contact_can_begin_is_not_unique():
     assert not run.unique
 
 
+SYMMETRIC = {
+    "a jump of either end": (
+        (3, 1.2, [1.0, 1.0, 1.0]),
+        {"at": [-1.2, -1.0, -0.8, 0.2, 1.8, 2.8, 3.0, 3.2], "friction": [0.6, 0.6, 1.6, 0.2, 0.2, 1.6, 0.6, 0.6]},
+        [[0.6, 0.6], [-1.0, -1.0]],
+    ),
+    "a jump of either end, far from each other": (
+        (3, 3.8, [1.2, 1.0, 1.2]),
+        {
+            "at": [-0.6, -0.4, 0.0, 0.2, 0.8, 1.2, 1.8, 2.0, 2.4, 2.6],
+            "friction": {
+                "forward": [0.2, 1.0, 1.4, 0.4, 2.0, 0.4, 0.4, 1.0, 1.6, 0.4],
+                "backward": [0.4, 1.6, 1.0, 0.4, 0.4, 2.0, 0.4, 1.4, 1.0, 0.2],
+            },
+        },
+        [[1.4, 1.4]],
+    ),
+    "either half slides": (
+        (4, [2.6, 2.2, 2.6], [1.0, 0.8, 0.8, 1.0]),
+        {
+            "at": [-0.9, -0.7, -0.1, 0.1, 0.7, 1.1, 1.9, 2.3, 2.9, 3.1, 3.7, 3.9],
+            "friction": [1.0, 0.6, 0.4, 0.8, 1.8, 0.8, 0.8, 1.8, 0.8, 0.4, 0.6, 1.0],
+        },
+        [[1.4, 2.0, 1.4]],
+    ),
+    "at their bounds as a ramp ends": (
+        (3, 1.4, [1.4, 0.6, 1.4]),
+        {"at": [-0.4, -0.2, 0.0, 0.6, 0.8, 1.2, 1.4, 2.0, 2.2, 2.4],
+         "friction": [1.8, 0.5, 2.0, 1.0, 1.2, 1.2, 1.0, 2.0, 0.5, 1.8]},
+        [[-2.0, -2.0], [1.2, 1.2]],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SYMMETRIC.values(), ids=SYMMETRIC)
+def test_rounding_does_not_choose_between_motions_that_begin_at_one_instant(case):
+    """Body, ground and drive are their own mirror images, so that the ends come to their bounds or places together."""
+    (contacts, stiffness, friction), profile, rows = case
+    data = {
+        "name": "symmetric",
+        "body": {"contacts": list(range(contacts)), "links": {"stiffness": stiffness}},
+        "friction": {"isotropic": friction},
+        "ground": {"profile": profile},
+        "drive": {"times": list(range(len(rows) + 1)), "actuation": [[0.0] * (contacts - 1), *rows]},
+    }
+    assert not simulate(Scene.model_validate(data), rate=1.0).unique
+
+
+def test_a_contact_at_its_bound_but_for_rounding_is_held_by_a_gradient():
+    """In the last ramp, friction ahead of the rear at 0.82 m is 2.75 N, like that behind the front, which slides."""
+    rows = [0.0, 1.0, 1.5, -1.0, 1.5, 0.0]
+    data = {"name": "held", "body": {"contacts": [0.0, 2.0], "links": {"stiffness": 3.0}, "weights": [0.25, 0.0]}}
+    data |= {"friction": {"forward": [1.5, 0.5], "backward": [1.0, 2.75]}, "loads": [0.125, 0.0]}
+    profile = {"at": [-0.5, 1.0, 1.5], "friction": [1.0, 2.0, 1.0], "slope": [0.0, np.degrees(np.arcsin(0.25)), 0.0]}
+    data |= {"ground": {"profile": profile}, "drive": {"times": list(range(6)), "actuation": [[v] for v in rows]}}
+    run = simulate(Scene.model_validate(data), rate=1.0)
+    assert run.displacement[-1] == pytest.approx([0.82, 0.82 + 2.75 / 3.0], abs=1e-14)
+    assert run.unique
+
+
 @pytest.mark.parametrize("kind", [CHAIN, GRAPH])
 def test_gradual_ground_is_the_limit_of_many_patches(kind):
     driven = Drawn(f"{kind} on gradual ground", 5).driven()

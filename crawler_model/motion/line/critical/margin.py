@@ -8,6 +8,7 @@ from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
 from ..block import size_of_terms
 from ..ground.couplings import couplings_of, is_coupled
+from ..ground.gradual import commands_at, slopes_of
 from ..ground.walls import blocked_sides
 from ..pivot import ROUNDING
 from ..records import BACKWARD, FORWARD
@@ -95,6 +96,41 @@ def _imbalance(contacts, springs, model, curves, ramp, when):
         balance += c.forward + s * c.d_forward if side > 0 else -(c.backward + s * c.d_backward)
         balance -= find_pull(contacts, springs, model, curves, i)
     return balance
+
+
+@lean
+def is_held_by_ground(contacts, ground, curves, ramp, when):
+    """Determine whether a contact of the present part, all of which are at their bounds, stands on a gradient.
+
+    The ground then determines the translation. A contact may be at its bound but for rounding.
+
+    Args:
+        when: the place on the ramp.
+
+    Returns:
+        Whether one does.
+    """
+    if ground is None:
+        return False
+    return _is_held_by_ground(contacts, ground, ground.profile, curves, ramp, when)
+
+
+@lean
+def _is_held_by_ground(contacts, ground, profile, curves, ramp, when):
+    if profile is None:
+        return False
+    first, last = present_part(contacts, curves, ramp)
+    for r in range(first, last):
+        i = member(curves, r)
+        c, foot = contacts[i], ground.feet[i]
+        bounds = c.bounds_met
+        if bounds == 0:
+            above, below = _slack(c, ground, ramp, i, when)
+            bounds = FORWARD if above < below else BACKWARD
+        ahead, behind = slopes_of(foot, profile, (foot.place + 1) // 2, foot.place // 2, commands_at(ramp))
+        if (bounds & FORWARD and ahead != 0.0) or (bounds & BACKWARD and behind != 0.0):
+            return True
+    return False
 
 
 @inlined

@@ -13,14 +13,13 @@ from ..advance import advance
 from ..block import leave_bounds, list_contact
 from ..clusters import wake_all
 from ..ground.falls import draw_all
-from ..ground.gradual import holds_body
 from ..records import BACKWARD, FORWARD, KNOT, SEVERAL
 from ..springs.bends import find_lengths, is_flat, near_of
 from ..springs.knots import time_contact
 from ..springs.parts import begin_parts, find_pull, member, next_part, present_part, side_of
 from ..timing import schedule_next
 from .interval import follow_all_strays, follow_strays, forget_strays, let_stray
-from .margin import find_near_part, is_critical, is_near, sample_margin
+from .margin import find_near_part, is_critical, is_held_by_ground, is_near, sample_margin
 
 
 @inlined
@@ -247,7 +246,8 @@ def _choose_in_part(contacts, springs, model, curves, ramp):
     if curves is None and model.ground is None:  # else bounds and parts count if they last, see `events`
         sample_margin(contacts, springs, model, curves, ramp)
     critical = is_critical(contacts, springs, model, curves, ramp)
-    if (critical or _is_free(contacts, curves, ramp)) and not holds_body(contacts, model.ground, ramp):
+    free = critical or _is_free(contacts, curves, ramp)
+    if free and not is_held_by_ground(contacts, model.ground, curves, ramp, ramp.s):
         if chooses_alone(model):
             _shift_part(contacts, springs, model, curves, ramp)
             return
@@ -383,8 +383,9 @@ def choose_step(contacts, springs, model, curves, ramp):
     end = ramp.friction + ramp.d_friction
     ramp.slower = ramp.faster = 0.0
     begin_parts(contacts, springs, model, curves, ramp)
-    held = holds_body(contacts, model.ground, ramp)
-    while next_part(curves, ramp, contacts.shape[0]) and not held:
-        if _is_free(contacts, curves, ramp) or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end):
+    while next_part(curves, ramp, contacts.shape[0]):
+        free = _is_free(contacts, curves, ramp)
+        free = free or is_near(contacts, springs, model, curves, ramp, 1.0, CRITICAL * end)
+        if free and not is_held_by_ground(contacts, model.ground, curves, ramp, 1.0):
             _shift(contacts, springs, model, curves, ramp, 0.0, 1.0)
     note_interval(contacts, springs, curves, ramp, 1.0)

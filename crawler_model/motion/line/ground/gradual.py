@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from ....compiled import inlined, lean
 from ..path import limit_of
-from ..records import BACKWARD, CATCH, FORWARD
+from ..records import CATCH, FORWARD
 from .walls import is_given
 
 NEUTRAL = 1e-9
@@ -151,30 +151,6 @@ def holds(block, ground, count):
     for j in range(count):
         found |= block[j].side != 0 and _stiffness_of(block[j], ground.profile) != 0.0
     return found
-
-
-@lean
-def holds_body(contacts, ground, ramp):
-    """Determine whether a contact that is at a bound stands on a gradient, which then determines the translation.
-
-    Returns:
-        Whether one does.
-    """
-    if ground is None:
-        return False
-    return _holds_body(contacts, ground, ground.profile, ramp)
-
-
-@lean
-def _holds_body(contacts, ground, profile, ramp):
-    if profile is None:
-        return False
-    for i in range(contacts.shape[0]):
-        c, foot = contacts[i], ground.feet[i]
-        ahead, behind = slopes_of(foot, profile, (foot.place + 1) // 2, foot.place // 2, commands_at(ramp))
-        if (c.bounds_met & FORWARD and ahead != 0.0) or (c.bounds_met & BACKWARD and behind != 0.0):
-            return True
-    return False
 
 
 @inlined

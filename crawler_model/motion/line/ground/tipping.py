@@ -22,8 +22,8 @@ def tip(contacts, springs, model, ground, ramp, count):
 
     A contact can begin to if, at fixed commands, its force does not fall below its bound when it is moved and the
     others follow. Where several can, the one whose force falls fastest as it moves does, because its falling bound then
-    leads it longest, and the end of the jump is one of several. So it is where a contact begins within the jump of
-    another, unless both slide one way and springs add nothing to bounds.
+    leads it longest, and the end of the jump is one of several. So it is where two blocks jump at one instant, and
+    where a contact begins within the jump of another, unless both slide one way and springs add nothing to bounds.
 
     Args:
         ground: the `Terrain`; `due` of the ramp is then the contact.
@@ -38,7 +38,7 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
         return
     if ramp.search.loose != 0 and is_given(model.curves):  # a part behind a flat spring slides instead
         return
-    if ramp.stepping or ramp.fall.due > 0 or ramp.effort > ramp.budget or is_long(ground, ramp):
+    if ramp.stepping or ramp.effort > ramp.budget or is_long(ground, ramp):
         return
     block, first, way, found, least = model.block, -1, 0, 0, np.inf
     ambiguous = ramp.account.ambiguous
@@ -61,14 +61,15 @@ def _tip(contacts, springs, model, ground, profile, ramp, count):
                     if sign * e.force < least - NEUTRAL * size:
                         first, way, least = e.contact, side, sign * e.force
             e.ahead, e.behind = ahead, behind
-    several = found > 1 or (found == 1 and falling != 0 and _races(contacts, model, way, count))
+    waits = ramp.fall.due > 0  # until the jump of another block, which begins at the same instant, is over
+    several = found > 1 or (found == 1 and (waits or (falling != 0 and _races(contacts, model, way, count))))
     ramp.account.ambiguous = 1.0 if several else ambiguous
     ramp.fall.falling = falling
     if ramp.chords > 0.0:  # along a chord that was given up, velocities may be large, and with them rounding
         for i in range(contacts.shape[0]):
             if contacts[i].fallen == 0:
                 set_bounds(contacts[i], ground.feet[i], ground, ramp)
-    if found > 0:
+    if found > 0 and not waits:
         let_tip(contacts[first], ground, ramp, first, way)
 
 

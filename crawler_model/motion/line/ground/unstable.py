@@ -12,15 +12,57 @@ import numpy as np
 
 from ....compiled import inlined, lean
 from ....rounding import CRITICAL, EPS
+from ..advance import place_of
 from ..mesh import eliminate, solve_mesh
-from .chords import is_long
+from ..records import BACKWARD, FORWARD
+from .chords import is_curved, is_long
 from .couplings import choose_pieces, exchange_pieces, is_coupled, is_dominant
-from .gradual import stiffness_of
+from .gradual import is_gradual, stiffness_of
 from .turns import enter_chord
+from .walls import blocked_sides
 
 _ROUNDING = 32.0 * EPS
 _MOST_TRIALS = 2048
 """Combinations of sides that are tried; with more, pivoting may find one of several solutions, or none."""
+_INSTANT = 64.0 * EPS
+"""Part of a ramp within which events come at one instant: their places are quotients of a few rounded numbers."""
+_CLOSE = 8.0 * EPS
+"""Part of the forces on a contact within which it is at its bound."""
+
+
+@inlined
+def end_of_instant(ground, ramp):
+    """Find up to where on the ramp events are met together with that at s.
+
+    Where several contacts come to their bounds or to borders at once, there may be several motions, of which rounding
+    would choose one if it decided which of them comes first.
+
+    Returns:
+        The place; s on ground that leaves one motion, and along chords.
+    """
+    if is_gradual(ground) and not is_curved(ground, ramp):
+        return min(ramp.s + _INSTANT, ramp.end)
+    return ramp.s
+
+
+@inlined
+def meet_close_bounds(contacts, springs, model, ground, ramp, i):
+    """Let a contact meet a bound that the force on it is at but for rounding, as where the ramp before has ended."""
+    if is_gradual(ground) and not is_curved(ground, ramp) and contacts[i].bounds_met == 0:
+        _meet_close_bounds(contacts, springs, model, ground, ramp, i)
+
+
+@lean
+def _meet_close_bounds(contacts, springs, model, ground, ramp, i):
+    c, s = contacts[i], place_of(contacts[i], ramp)
+    forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
+    size, blocked = abs(c.forward) + abs(c.backward) + abs(c.load), blocked_sides(ground, i)
+    for k in range(c.first, c.last):
+        size += abs(springs[model.ends[k].spring].tension)
+    if forward - c.force <= _CLOSE * size and not blocked & FORWARD:
+        c.bounds_met |= FORWARD
+    if backward + c.force <= _CLOSE * size and not blocked & BACKWARD:
+        c.bounds_met |= BACKWARD
 
 
 @inlined
