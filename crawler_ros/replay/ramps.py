@@ -163,8 +163,8 @@ class RampTable:
     @property
     def gained(self) -> np.ndarray:
         """Net translation of each run between resets, from its first state to its last, shape (runs, D) [m]."""
-        ends = np.flatnonzero(np.diff(self.run, append=np.inf))
-        return self.net_translation[ends] - self.net_translation[np.append(0, ends[:-1] + 1)]
+        begins, ends = np.flatnonzero(np.diff(self.run, prepend=-1)), np.flatnonzero(np.diff(self.run, append=-1))
+        return self.net_translation[ends] - self.net_translation[begins]
 
     @property
     def turned(self) -> float | None:

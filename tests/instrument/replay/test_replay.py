@@ -24,6 +24,7 @@ from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.recording.incidents import find_incidents
 from crawler_ros.replay import analyse, simulate_again
 from crawler_ros.replay.health import survey_recording
+from crawler_ros.replay.ramps import RampTable
 from crawler_ros.replay.show.report import print_replay
 from crawler_ros.replay.standstill import Standstill, _last_message
 from crawler_ros.wire.topics import read_topics
@@ -463,6 +464,10 @@ def test_a_recording_without_states_is_one_line_that_names_it(tmp_path, verb):
     assert done.returncode == 1
     assert done.stderr == f"crawler: {path}: the recording has no state to draw\n"
     assert not list(tmp_path.glob("x.*"))
+
+
+def test_a_table_without_ramps_has_no_run_that_gained_anything():
+    assert RampTable().finish().gained.shape == (0, 1)
 
 
 def test_a_recordings_own_scene_comes_first(tmp_path):
