@@ -231,9 +231,11 @@ def _print_conditions(run: Trajectory, screen: Console) -> None:
             f"friction: between {regularity.least:g} and {regularity.greatest:g}, changing by at most "
             f"{regularity.rate:g} per second; regular"
         )
-    margin = commanded_margin(scene.body, scene.drive)
-    if isinstance(margin, Undecided):
-        screen.print(f"uniqueness margin: not decided, as {margin.value}; see below whether the run was unique")
+    margin = run.uniqueness_margin
+    if margin is None:
+        undecided = commanded_margin(scene.body, scene.drive)
+        assert isinstance(undecided, Undecided)
+        screen.print(f"uniqueness margin: not decided, as {undecided.value}; see below whether the run was unique")
     elif margin == 0.0:
         screen.print(
             "uniqueness margin: 0, critical: at some waypoint the forward friction of some contacts balances the "
