@@ -11,10 +11,10 @@ from rclpy.experimental.events_executor import EventsExecutor
 
 from crawler_model import CrawlerError
 from crawler_model.body.drive import NS
-from crawler_ros.node.intake.peers import SecondSimulator
+from crawler_ros.node.intake.peers import SecondSimulator, Silence
 from crawler_ros.node.life.quiet_node import QuietNode
 from crawler_ros.node.life.stop import StopFlag, end_on_signals
-from crawler_ros.wire.messages import ASK_AFTER_S, NO_CHANGE, TrajectoryMessage
+from crawler_ros.wire.messages import NO_CHANGE, TrajectoryMessage
 from crawler_ros.wire.topics import message_class, qos_profile, read_topics
 
 _REPORT_EVERY_S, _LOOK_EVERY_S, _GONE_S = 5.0, 0.5, 3.0
@@ -83,7 +83,8 @@ class AnsweringNode(QuietNode):
         end_on_signals(self.done)
         executor = EventsExecutor()
         executor.add_node(self)
-        reported = looked = met = asked = time.monotonic()
+        reported = looked = met = time.monotonic()
+        silence = Silence()
         while not self.done.is_set():
             executor.spin_once(timeout_sec=0.1)
             self.throttle.flush()
@@ -100,10 +101,7 @@ class AnsweringNode(QuietNode):
                     self.get_logger().info(text)
                 else:
                     self.report_following()
-            if self._last_ns >= 0 or not self._publisher.get_subscription_count():
-                asked = now
-            elif now - asked > ASK_AFTER_S:  # a simulator in lock-step, in the middle of a run
-                asked = now
+            if silence.has_lasted(self._last_ns >= 0, self._publisher.get_subscription_count()):
                 self._publisher.publish(NO_CHANGE)
         self.leave()
         if self.problem:

@@ -28,8 +28,8 @@ NS = 10**9
 GONE = 6
 """Timer calls without a simulator after which it counts as gone."""
 SILENT = 20
-"""Timer calls without a state after which a simulator is asked for a tick. The first state takes less to arrive: a tick
-that was asked for too early would shift all later ones, and runs in lock-step would differ."""
+"""Timer calls without a state after which a simulator that listens is asked for a tick. The first state takes less to
+arrive: a tick that was asked for too early would shift all later ones, and runs in lock-step would differ."""
 
 
 def within(least: float, most: float) -> ParameterDescriptor:
@@ -96,7 +96,7 @@ class PeriodController(Node):
         """Ask a simulator in lock-step, silent in the middle of a run, for a tick that changes nothing."""
         if self.now < 0:
             self.get_logger().info("waiting for a simulator", throttle_duration_sec=5.0)
-            self.silent += self.commands.get_subscription_count() > 0
+            self.silent = self.silent + 1 if self.commands.get_subscription_count() else 0
             if self.silent > SILENT:
                 self.silent = 0
                 self.commands.publish(JointTrajectory(points=[JointTrajectoryPoint()]))

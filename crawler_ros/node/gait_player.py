@@ -22,11 +22,11 @@ from crawler_model import CrawlerError, load_scene
 from crawler_model.body.drive import NS, Drive
 
 from ..wire.facts import REFUSED_ON, read_count, rows_dropped, ticks_refused
-from ..wire.messages import ASK_AFTER_S, NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
+from ..wire.messages import NO_CHANGE, TrajectoryMessage, encode_diagnostics, read_stamp
 from ..wire.states import joint_state_names
 from ..wire.topics import message_class, open_publisher, qos_profile, read_topics
 from .diagnostics import OK, WARN, Status
-from .intake.peers import SecondSimulator, publishers_of, rivals_on_commands, rivals_on_states
+from .intake.peers import SecondSimulator, Silence, publishers_of, rivals_on_commands, rivals_on_states
 from .life.quiet_node import QuietNode
 from .life.run import run_node
 from .life.stop import StopFlag, end_on_signals
@@ -114,6 +114,7 @@ class GaitPlayer(QuietNode):
         self._diagnostics = open_publisher(self, read_topics()["/diagnostics"])
         self._rivals = ""
         self._second = SecondSimulator(self, states.name)
+        self._silence = Silence()
         self.drive_name = scene.name
         self._joints = joint_state_names(scene.body)
         self._met = False
@@ -257,8 +258,8 @@ class GaitPlayer(QuietNode):
         self._diagnostics.publish(encode_diagnostics(time.time_ns(), [status]))
 
     def wake(self) -> None:
-        """Ask a simulator in lock-step, which is silent until a command arrives, for one tick that changes nothing."""
-        if self._publisher.get_subscription_count() > 0:
+        """Ask a simulator that is silent in the middle of a run in lock-step for one tick that changes nothing."""
+        if self._silence.has_lasted(self.now_ns >= 0, self._publisher.get_subscription_count()):
             self._publisher.publish(NO_CHANGE)
 
     def _report_progress(self) -> None:
@@ -327,7 +328,7 @@ def _spin(node: GaitPlayer) -> None:
     end_on_signals(node.done)
     executor = EventsExecutor()
     executor.add_node(node)
-    moved = reported = woken = looked = time.monotonic()
+    moved = reported = looked = time.monotonic()
     seen_ns = node.now_ns
     while not node.done.is_set():
         executor.spin_once(timeout_sec=0.1)
@@ -344,9 +345,7 @@ def _spin(node: GaitPlayer) -> None:
             continue
         if node.waits_to_send and now - moved > _STILL_S:
             node.send()
-        if node.now_ns < 0 and now - woken > ASK_AFTER_S:
-            woken = now
-            node.wake()
+        node.wake()
         if min(now - moved, now - reported) > _GONE_S:
             reported = now
             patience_s, why = node.describe_silence()

@@ -184,8 +184,6 @@ class TrajectoryMessage:
 
 NO_CHANGE = TrajectoryMessage([]).encode(0, [0], [np.zeros(0)])
 """The trajectory that changes nothing: a simulator in lock-step, silent between commands, answers it with one tick."""
-ASK_AFTER_S = 10.0
-"""Silence after which a node asks for that tick. Discovery takes less: to ask earlier would shift all later ticks."""
 
 
 def read_stamp(data: bytes) -> int:

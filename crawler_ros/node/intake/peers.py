@@ -17,6 +17,8 @@ _MOST_STREAMS = 64
 _TURNS, _WITHIN_S, _GONE_S = 3, 10.0, 25.0
 """Publishers replace each other's commands if they have taken so many turns within this time, or have all been listed
 for longer than the graph lists one that was killed (20 s)."""
+_ASK_AFTER_S = 10.0
+"""Silence after which a node asks for a tick. Discovery takes less: to ask earlier would shift all later ticks."""
 
 
 class Arrivals:
@@ -212,6 +214,35 @@ class SecondSimulator:
             f"{len(found)} simulators publish {self._topic} here ({', '.join(sorted(node for _, node in found))}): end "
             "all but one, or start each with a namespace or a ROS_DOMAIN_ID of its own"
         )
+
+
+class Silence:
+    """Notices a simulator that listens but has been silent for long: it is in lock-step, in the middle of a run.
+
+    Time counts only while somebody listens: the first state of a simulator that starts late may be on its way.
+    """
+
+    def __init__(self) -> None:
+        """Begin now."""
+        self._since = time.monotonic()
+
+    def has_lasted(self, is_met: bool, listeners: int) -> bool:
+        """Determine whether to ask for a tick that changes nothing; to be called several times a second.
+
+        Args:
+            is_met: whether a state has arrived.
+            listeners: number of subscriptions of the commands.
+
+        Returns:
+            Whether the silence has lasted for ten seconds, or as long again since it had.
+        """
+        now = time.monotonic()
+        if is_met or not listeners:
+            self._since = now
+        lasted = now - self._since > _ASK_AFTER_S
+        if lasted:
+            self._since = now
+        return lasted
 
 
 def rivals_on_commands(topics: Mapping[str, Sequence[tuple[bytes, str]]]) -> str:

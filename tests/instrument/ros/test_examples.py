@@ -80,6 +80,26 @@ def test_no_tick_is_asked_for_while_a_simulator_may_still_be_discovered(ros):
     assert [list(p.positions) for p in ros.heard["joint_trajectory"][0].points] == [[]]
 
 
+def test_the_silence_of_one_simulator_does_not_count_for_the_next():
+    listeners, published = iter([1] * 20 + [0] + [1] * 21), []
+    commands = SimpleNamespace(get_subscription_count=lambda: next(listeners), publish=published.append)
+    node = SimpleNamespace(
+        now=-1,
+        silent=0,
+        missed=0,
+        problem="",
+        commands=commands,
+        get_logger=lambda: SimpleNamespace(info=lambda *_, **__: None),
+        look_for_rivals=lambda: None,
+        play_next=lambda: None,
+    )
+    for _ in range(41):
+        periods.PeriodController.on_timer(node)
+    assert published == []
+    periods.PeriodController.on_timer(node)
+    assert len(published) == 1
+
+
 def play(folder, scene: str, controller: str, *parameters: str, simulator: tuple[str, ...] = ("lock_step:=true",)):
     """Run a simulator and a controller until the controller ends; return what it said."""
     folder.mkdir(exist_ok=True)

@@ -80,6 +80,20 @@ def test_a_state_that_comes_before_the_simulator_listens_is_enough(ros):
     wait_until(lambda: ros.heard["joint_trajectory"], what="a trajectory")
 
 
+def test_no_tick_is_asked_for_while_the_first_state_of_a_simulator_that_starts_late_may_be_on_its_way(ros):
+    playing = player(ros, "patience:=0.0")
+
+    def reports(count: int) -> None:  # one each three seconds
+        wait_until(lambda: playing.said.count("waiting for joint_states") >= count, what="the wait for a simulator")
+
+    reports(2)
+    ros.hear("joint_trajectory")
+    reports(4)  # twelve seconds after the start
+    assert ros.heard["joint_trajectory"] == []
+    wait_until(lambda: ros.heard["joint_trajectory"], what="a tick that is asked for")
+    assert [list(p.positions) for p in ros.heard["joint_trajectory"][0].points] == [[]]
+
+
 def test_no_more_periods_are_counted_than_were_asked_for(ros):
     """As fast as it can, simulated time passes by whole periods between two states that the player reads."""
     ros.simulator("scene:=two_anchor_a", "real_time_factor:=0.0")
