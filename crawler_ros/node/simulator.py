@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 
 _SILENCE_NS = 5 * NS
 """Time without a command, since states are heard, after which the log reports it."""
+_REFUSES_NS = 20 * NS
+"""Time since the first command, if none was accepted, after which the log reports it."""
 
 
 class Simulator(QuietNode):
@@ -119,7 +121,7 @@ class Simulator(QuietNode):
             Actuators(self.scene, self.values),
             self._measured,
         )
-        self._next_diagnostics_ns = self._logged_lag_ns = self._silent_ns = 0
+        self._next_diagnostics_ns = self._logged_lag_ns = self._silent_ns = self._refuses_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(
             f"{self.scene.name}: {self.scene.body.describe()}, {crawler.method} at {float(rate):g} Hz; waiting "
@@ -343,8 +345,19 @@ class Simulator(QuietNode):
             self.throttle.warn("lag", self.tick_clock.describe_lag(wall_ns))
 
     def _warn_of_silence(self, wall_ns: int) -> None:
-        """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt."""
-        if not self.lock_step or self.intake.received:
+        """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt.
+
+        And log once more that all commands were refused: a controller that waits for their states waits for ever.
+        """
+        received = self.intake.received
+        if not self.lock_step or received > self.intake.refusals.total:
+            return
+        if received:
+            self._refuses_ns = self._refuses_ns or wall_ns
+            if wall_ns - self._refuses_ns > _REFUSES_NS:
+                self._refuses_ns = sys.maxsize  # once
+                text = f"all {received} command(s) so far were refused, and in lock-step nothing moves without one"
+                self.throttle.warn("silence", text)
             return
         if not self._silent_ns and any(self._outlets[name].is_heard() for name in STATES[:2]):
             self._silent_ns = wall_ns

@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from crawler_ros.examples import speed_control
+from crawler_ros.recording import bag
 
 from ...processes import children, wait_until
 from .graph import Graph, Process
@@ -148,6 +149,18 @@ def test_the_summary_counts_what_was_refused(tmp_path, ros: Graph):
         "refused a message on actuation_controller/commands: actuation command has 1 value(s); it needs 2" in run.said
     )
     assert run.said.splitlines()[-1].endswith("simulator stopped after 0 ticks, 0 late; 1 message(s) were refused")
+
+
+def test_a_controller_whose_commands_are_all_refused_does_not_wait_for_ever(tmp_path, ros: Graph):
+    text = ENDLESS.replace("data=[1e-4 * (state.header.stamp.nanosec % 1000), 0.0]", "data=[0.0]")
+    run = ros.command("run", SCENE, write(tmp_path, text), "--lock-step", "--record", str(tmp_path))
+    assert run.wait() == 1, run.said
+    assert "all 1 command(s) so far were refused, and in lock-step nothing moves without one" in run.said
+    assert run.said.splitlines()[-1].endswith(
+        "controller.py was ended: all its commands were refused; the warnings above name the reason"
+    )
+    (recording,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert bag.examine(recording).complete
 
 
 def start(ros: Graph, folder: Path, **more: str | None) -> tuple[Process, int, list[str]]:
