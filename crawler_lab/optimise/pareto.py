@@ -20,7 +20,7 @@ from .goal import measure, score
 from .limit import TimeLimit
 from .optimise import build_space, check_found
 from .request import Request, first_points
-from .search import Found, search
+from .search import Found, Kind, search
 from .space import Space
 
 _POINTS = 7
@@ -56,6 +56,7 @@ class Front:
         complete: False after Ctrl-C or a time limit, when the result depends on the machine.
         wall_s: wall-clock time [s].
         interrupted: whether Ctrl-C ended the search.
+        untried: kinds of gaits that not every search tried to their end, because it was stopped.
     """
 
     points: tuple[Compromise, ...]
@@ -65,6 +66,7 @@ class Front:
     complete: bool
     wall_s: float
     interrupted: bool = False
+    untried: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Describe the curve in one line."""
@@ -97,6 +99,7 @@ class Front:
             "seed": self.seed,
             "complete": self.complete,
             "interrupted": self.interrupted,
+            "untried": list(self.untried),
             "wall_s": self.wall_s,
         }
 
@@ -170,7 +173,9 @@ def pareto(
     interrupted = any(run.interrupted for run in runs)
     complete = seconds is None and not interrupted
     evaluations = sum(run.evaluations for run in runs)
-    return Front(points, unknowns.names, evaluations, seed, complete, clock() - began, interrupted)
+    stopped = [run.untried for run in runs if not run.complete]
+    untried = tuple(kind.value for kind in Kind if any(kind in kinds for kinds in stopped))
+    return Front(points, unknowns.names, evaluations, seed, complete, clock() - began, interrupted, untried)
 
 
 def _scores(space: Space, point: np.ndarray) -> tuple[float, float]:

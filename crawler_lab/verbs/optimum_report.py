@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -103,7 +104,11 @@ def _describe_end(found: Optimum) -> str:
         return f"; the search ended after {MOST_EVALUATIONS} evaluations, --seconds allows more"
     if found.complete:
         return _NOTHING_BETTER
-    return f"{_STOPPED_EARLY}; not tried to the end: {', '.join(found.untried)}" if found.untried else _STOPPED_EARLY
+    return _describe_stop(found.untried)
+
+
+def _describe_stop(untried: Sequence[str]) -> str:
+    return f"{_STOPPED_EARLY}; not tried to the end: {', '.join(untried)}" if untried else _STOPPED_EARLY
 
 
 def _number(value: float, digits: int = 6) -> str:
@@ -186,6 +191,6 @@ def describe_front(found: Front) -> list[str]:
         period, reversals = _find_reversals(point.scene)
         pace = f"{point.gain / period:.6g}  {max(reversals, default=0) / period:.3g}"
         lines.append(f"  {point.gain:.6g}  {_number(point.cost_of_transport)}  {pace}")
-    ending = _NOTHING_BETTER if found.complete else _STOPPED_EARLY
+    ending = _NOTHING_BETTER if found.complete else _describe_stop(found.untried)
     lines.append(f"{found.evaluations} evaluations in {found.wall_s:.3g} s, seed {found.seed}{ending}")
     return lines

@@ -16,10 +16,10 @@ from crawler_lab.optimise.limit import TimeLimit
 from crawler_lab.optimise.optimise import build_space
 from crawler_lab.optimise.regime import find_peak
 from crawler_lab.optimise.request import Request
-from crawler_lab.optimise.search import _STALE_ROUNDS, _Search, search
+from crawler_lab.optimise.search import _STALE_ROUNDS, Kind, _Search, search
 from crawler_lab.optimise.space import Space
 from crawler_lab.optimise.starts import Starts
-from crawler_lab.verbs.optimum_report import describe_optimum
+from crawler_lab.verbs.optimum_report import describe_front, describe_optimum
 from crawler_model import CrawlerError, Scene, limit_cycle, load_scene, simulate
 
 pytest.importorskip("cma")
@@ -365,6 +365,8 @@ def test_a_compromise_is_beaten_in_neither_gain_nor_cost():
         assert further.cost_of_transport > cheaper.cost_of_transport
     cycle = limit_cycle(front.points[0].scene)
     assert cycle.gain == pytest.approx(front.points[0].gain, rel=1e-6)
+    assert front.complete
+    assert front.untried == ()
 
 
 @pytest.mark.parametrize("last", [2, 3])
@@ -380,6 +382,8 @@ def test_ctrl_c_before_the_first_gait_of_a_later_search_keeps_the_earlier_ones(m
     monkeypatch.setattr(_Search, "go", go)
     front = pareto(chain(2), stroke=(0.0, 0.1), waypoints=2, seconds=1.0)
     assert not front.complete
+    assert front.summary()["untried"] == list(front.untried) == [kind.value for kind in Kind]
+    assert describe_front(front)[-1].endswith(f"; not tried to the end: {', '.join(front.untried)}")
     assert front.points[0].gain == pytest.approx(0.06)
     assert front.summary()["front"][0]["unknowns"] == dict(zip(front.names, front.points[0].values, strict=True))
 
