@@ -357,15 +357,15 @@ def _print_crossings(run: Trajectory, screen: Console) -> None:
     nearest = int(gaps.argmin())
     if gaps[nearest] <= 0.0:
         screen.print(
-            f"[yellow]impossible in silicone:[/] {body.name_of(nearest + 1)} gets {-gaps[nearest]:.3g} m past "
+            f"[yellow]impossible in silicone:[/] {body.name_of(nearest + 1)} gets {-gaps[nearest] + 0.0:.3g} m past "
             f"{body.name_of(nearest)}; the model lets contacts pass through each other"
         )
 
 
 def _numbers(value: Any) -> str:
-    return ", ".join(f"{v:g}" for v in np.atleast_1d(value))
+    return ", ".join(f"{v + 0.0:g}" for v in np.atleast_1d(value))
 
 
 def _span(values: np.ndarray) -> str:
-    low, high = float(values.min()), float(values.max())
+    low, high = float(values.min()) + 0.0, float(values.max()) + 0.0
     return f"{low:g}" if low == high else f"{low:g} .. {high:g}"

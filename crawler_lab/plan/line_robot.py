@@ -140,7 +140,7 @@ class LineRobot:
     def describe(self, factors: np.ndarray) -> str:
         """Describe factors in a line."""
         forward, backward, *loads = factors.tolist()
-        each = ", ".join(f"{load:.4f}" for load in loads)
+        each = ", ".join(f"{load:.4f}" for load in np.round(loads, 4) + 0.0)
         return f"friction forward {forward:.3f}, backward {backward:.3f} of the scene's, loads {each} N"
 
 

@@ -138,7 +138,8 @@ class PlaneRobot:
     def describe(self, factors: np.ndarray) -> str:
         """Describe factors in a line."""
         friction, *load = factors.tolist()
-        return f"friction {friction:.3f} of the scene's, load {load[0]:.4f}, {load[1]:.4f} N on each point"
+        both = ", ".join(f"{each:.4f}" for each in np.round(load, 4) + 0.0)
+        return f"friction {friction:.3f} of the scene's, load {both} N on each point"
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,6 +101,20 @@ def test_forces_that_are_rounding_are_zero(tmp_path):
     assert [row[5].strip() for row in rows] == ["0", "0", "0"]
 
 
+@pytest.mark.parametrize("friction", [{"forward": 1.0, "backward": 0.0}, {"forward": 0.5, "backward": 0.5}])
+def test_check_prints_no_negative_zero(tmp_path, friction):
+    """A bound that is 0, and contacts that meet but do not pass."""
+    document = {
+        "name": "x",
+        "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 1.0}},
+        "friction": friction,
+        "start": "relaxed",
+        "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": [[0.0], [-1.5], [0.0]]},
+    }
+    (tmp_path / "x.yaml").write_text(json.dumps(document))
+    assert not re.search(r"-0(?![\d.])", good("check", str(tmp_path / "x.yaml")))
+
+
 def test_check_prints_json_for_programs():
     found = json.loads(good("check", "three_contacts_one_way", "--json"))
     assert (found["schema"], found["scene"], found["dimension"]) == (1, "three_contacts_one_way", 1)

@@ -57,7 +57,7 @@ class SensorNumber:
         factor, unit = (1e3, " ms") if self.name == "lag" else (1e2, " %")
         if " of " in self.name:
             factor, unit = 1e3, " mm"
-        return f"{factor * value:.3g}{unit}"
+        return f"{factor * value + 0.0:.3g}{unit}"
 
 
 def judge_sensors(problem: Problem, fit: Fit, covariance: np.ndarray, freedom: float) -> tuple[SensorNumber, ...]:

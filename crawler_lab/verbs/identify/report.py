@@ -123,9 +123,14 @@ def _list_score(score: HeldOut | None) -> _Listing:
     heads = ("residual, mm", "within 95 % bands", "in predicted deviations", "net translation", "largest")
     if score is None:
         return _Listing("Prediction of the rows held out", heads, ())
-    gain = "" if score.gain_error is None else f"{100.0 * score.gain_error:+.1f} %"
+    gain = "" if score.gain_error is None else _write_error(score.gain_error)
     numbers = (f"{1e3 * score.residual:.3g}", f"{100.0 * score.coverage:.0f} %", f"{score.size:.3g}")
     return _Listing("Prediction of the rows held out", heads, ((*numbers, gain, score.worst),))
+
+
+def _write_error(part: float) -> str:
+    """Write a relative error [1] in per cent; one that rounds to zero is +0.0."""
+    return f"{round(100.0 * part, 1) + 0.0:+.1f} %"
 
 
 def _describe_misfit(found: Identification) -> list[str]:
@@ -142,7 +147,7 @@ def _describe_misfit(found: Identification) -> list[str]:
         gain = found.score.gain_error
         lines.append(
             f"prediction of the rows held out: {100.0 * found.score.coverage:.0f} % within 95 % bands"
-            + ("" if gain is None else f", net translation {100.0 * gain:+.1f} %")
+            + ("" if gain is None else f", net translation {_write_error(gain)}")
             + ("" if found.model_fits else "; a model that does not fit predicts neither")
         )
     if not found.model_fits:

@@ -17,9 +17,12 @@ from crawler_lab.identify.fit.fit import Fit, fit_from
 from crawler_lab.identify.fit.misfit import measure_misfit
 from crawler_lab.identify.fit.problem import Problem
 from crawler_lab.identify.fit.space import build_space
+from crawler_lab.identify.judge.held_out import HeldOut
+from crawler_lab.identify.judge.sensors import SensorNumber
 from crawler_lab.identify.judge.structure import find_structure
 from crawler_lab.identify.replica.replica import Replica
-from crawler_lab.identify.sensor.sensor import PERFECT
+from crawler_lab.identify.sensor.sensor import PERFECT, Prior
+from crawler_lab.verbs.identify.report import _list_score
 from crawler_model import CrawlerError, Scene, load_scene, simulate
 from crawler_model.body.drive import NS
 
@@ -598,3 +601,11 @@ def test_what_the_model_misses_while_it_rests_is_no_noise(rate: float) -> None:
     right, wrong = measure_misfit(problem, dataclasses.replace(fit.residuals, all=(errors,), resting=(rests,)))
     assert right.ratio < 1.3
     assert wrong.ratio > 10.0
+
+
+def test_no_number_is_written_as_negative_zero() -> None:
+    for name, text in (("drift of contact_0", "0 mm"), ("lag", "0 ms"), ("scale", "0 %")):
+        one = SensorNumber(name, "a", "prior", -0.0, (-0.0, 0.0), Prior(0.0, 1e-3))
+        assert one.write(one.value) == text
+    score = HeldOut(residual=0.0, coverage=1.0, size=0.0, gain_error=-1e-5, worst="", errors=(), deviations=())
+    assert _list_score(score).rows[0][3] == "+0.0 %"

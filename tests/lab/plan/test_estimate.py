@@ -45,6 +45,12 @@ def test_a_load_on_one_contact_is_found_beside_friction():
     assert robot.bounds_by_factors @ found == pytest.approx(true, abs=0.002)
 
 
+@pytest.mark.parametrize("scene", ["three_contacts_one_way", "steering_inchworm"])
+def test_loads_that_round_to_zero_have_no_sign(scene):
+    robot = build_robot(load_scene(scene))
+    assert "-0.0" not in robot.describe(robot.nominal - 1e-9)
+
+
 def test_nothing_seen_changes_nothing():
     robot = build_robot(load_scene("three_contacts_one_way"))
     still = Window(np.zeros((5, 3)), np.zeros(2), np.zeros((4, 2)), np.arange(1, 5))
