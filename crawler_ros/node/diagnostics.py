@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from crawler_model.body.drive import NS
 from crawler_model.run.orientation import shape_orientation
-from crawler_model.theory.uniqueness import UNDETERMINED
+from crawler_model.theory.uniqueness import UNDETERMINED, Undecided
 
 from ..wire.facts import REFUSED_ON, Fact, Refusal
 from .intake.peers import publishers_of, rivals_on_states
@@ -62,7 +62,7 @@ class Diagnosed(Protocol):
     intake: Intake
     lock: AbstractContextManager[Any]
     lock_step: bool
-    margin: float | None
+    margin: float | Undecided
     recorder: Any
     regularity: Regularity
     scene: Plan
@@ -154,6 +154,12 @@ def _inertia(node: Diagnosed) -> list[tuple[Fact, str]]:
     ]
 
 
+def _margin(margin: float | Undecided) -> list[tuple[Fact, str]]:
+    if isinstance(margin, Undecided):
+        return [(Fact.MARGIN, "not decided"), (Fact.UNDECIDED, margin.value)]
+    return [(Fact.MARGIN, f"{margin:.3e}")]
+
+
 def _pace(node: Diagnosed) -> list[tuple[Fact, str]]:
     """Write how fast simulated time passes and how far it lags; in lock-step no clock sets a pace."""
     if node.lock_step:
@@ -219,7 +225,7 @@ def _simulation(node: Diagnosed, rival: str) -> Part:
             *_pace(node),
             *_late_times(node.tick_clock),
             (Fact.LEAST_FRICTION, f"{node.regularity.least:.3e} ({node.regularity.where})"),
-            (Fact.MARGIN, "not decided" if node.margin is None else f"{node.margin:.3e}"),
+            *_margin(node.margin),
             (Fact.VISITED_MARGIN, f"{node.ticks.crawler.visited_margin:.3e}"),
             (Fact.AMBIGUOUS, str(counts.ambiguous)),
             (Fact.OVERSPENT, str(counts.overspent)),

@@ -15,7 +15,7 @@ from crawler_model import CommandError, Crawler, CrawlerError, Scene, load_scene
 from crawler_model.body.drive import NS
 from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
-from crawler_model.theory.uniqueness import Undecided, commanded_margin
+from crawler_model.theory.uniqueness import commanded_margin
 
 from ..wire.measured import MEASURED, MeasuredStates, find_sensors
 from ..wire.messages import encode_diagnostics, encode_string
@@ -80,8 +80,7 @@ class Simulator(QuietNode):
         self.commands = CommandQueue(self.columns, crawler.row, self.lock_step, limits)
         self._sensors = find_sensors(self.scene.parts.sensors, self.values)
         self.reported, self.reported_commands = TickCounts(), CommandCounts()
-        margin = commanded_margin(self.scene.body, self.scene.drive)
-        self.margin = None if isinstance(margin, Undecided) else margin
+        self.margin = commanded_margin(self.scene.body, self.scene.drive)
         self.regularity = check_regularity(self.scene.drive)
         self.lock = FairLock()
         self.stopping = StopFlag()

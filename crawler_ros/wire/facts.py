@@ -34,6 +34,8 @@ class Fact(str, Enum):
     """A number, and its contact in brackets."""
     MARGIN = "uniqueness margin"
     """A number, or `not decided`."""
+    UNDECIDED = "uniqueness margin not decided because"
+    """The reason in words; only where it is not decided."""
     VISITED_MARGIN = "visited margin"
     AMBIGUOUS = "ticks without a determined translation"
     OVERSPENT = "ticks over the budget of work"

@@ -21,6 +21,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from crawler_model import CommandError, Crawler, load_scene, simulate
+from crawler_model.theory.uniqueness import Undecided, commanded_margin
 from crawler_ros.node.life.scheduling import check_priority
 from crawler_ros.node.parameters import read_parameters
 from crawler_ros.recording import bag
@@ -189,6 +190,18 @@ def test_bad_messages_are_refused_whole_logged_and_counted(ros):
     levels = {(s.name, s.level) for m in ros.heard["/diagnostics"] for s in m.status}
     assert ("crawler: commands", b"\x01") in levels
     assert {level for name, level in levels if name == "crawler: simulation"} == {b"\x00"}
+
+
+@pytest.mark.parametrize("name", ["two_contacts_anisotropic", "planar_three_points"])
+def test_why_a_uniqueness_margin_is_not_decided_is_a_diagnostic(ros, name):
+    scene = load_scene(name)
+    margin = commanded_margin(scene.body, scene.drive)
+    ros.simulator(f"scene:={name}", hear=("joint_states", "/diagnostics"))
+    told = {key: value for key, value in diagnostics(ros).items() if key.startswith("uniqueness margin")}
+    if isinstance(margin, Undecided):
+        assert told == {"uniqueness margin": "not decided", "uniqueness margin not decided because": margin.value}
+    else:
+        assert told == {"uniqueness margin": f"{margin:.3e}"}
 
 
 def test_names_left_out_hold(ros):
