@@ -137,7 +137,7 @@ def draw_tensions(
 
 def _range(values: np.ndarray) -> str:
     """Write the least and the greatest of forces [N]."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low, high = float(np.nanmin(values)) + 0.0, float(np.nanmax(values)) + 0.0
     scale, unit = choose_prefix(max(abs(low), abs(high)), "N")
     return f"{low / scale:.3g} .. {high / scale:.3g} {unit}".replace("-", "\u2212")
 
@@ -241,7 +241,7 @@ def describe_constant(commands: Commands) -> str:
 
 
 def _span(values: list[float]) -> str:
-    low, high = min(values), max(values)
+    low, high = min(values) + 0.0, max(values) + 0.0
     return f"{low:.4g}" if low == high else f"{low:.4g} .. {high:.4g}"
 
 

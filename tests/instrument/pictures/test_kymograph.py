@@ -127,6 +127,12 @@ def test_tensions_are_measured_from_the_middle_between_their_bounds(axis):
     assert words == ["lower bound, −1 .. 1 N", "middle", "upper bound, 1 .. 3 N", "no room: its bounds meet"]
 
 
+def test_a_bound_of_zero_has_no_sign(axis):
+    zero, one = np.zeros((3, 2)), np.ones((3, 2))
+    draw_tensions(axis, np.arange(3.0), 0.5 * one, -zero, one, ["link_0", "link_1"])
+    assert axis.get_legend().get_texts()[0].get_text() == "lower bound, 0 .. 0 N"
+
+
 @pytest.mark.parametrize(
     ("names", "label", "ticks"),
     [
