@@ -106,15 +106,8 @@ def compiled_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def kernels() -> None:
-    """Compile the kernels that `crawler warm` leaves out before the tests of parallel workers; each begins elsewhere."""
+    """Compile the kernels that `crawler warm` leaves out before the tests of parallel workers."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")
     if not worker or os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         return
-    from crawler_lab.verbs import warm
-
-    both = functools.partial(warm.compile_scene, "tendon_worm", ground=warm.PATCHES)
-    walled = functools.partial(warm.compile_scene, "three_springs", ground=warm.WALLS)
-    builds = [both, walled, compile_jumps]
-    first = int(worker.removeprefix("gw")) % len(builds)
-    for build in builds[first:] + builds[:first]:
-        build()
+    compile_jumps()

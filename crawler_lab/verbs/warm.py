@@ -9,7 +9,7 @@ from collections.abc import Callable
 from enum import Enum
 from functools import partial
 from threading import Event, Thread
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,24 +17,45 @@ from crawler_command.jobs.cores import WorkerEndedError, run_on_cores
 from crawler_command.screen import ShowProgress, progress_bar
 from crawler_model import CrawlerError
 
-PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
-WALLS = {"walls": [{"at": 1.0, "stops": "forward"}]}
-_ELEMENTS = [{"stiffness": 1.0, "yield": 0.1}]
-_HYSTERETIC = {"contacts": [0.0, 1.0, 2.0], "links": {"stiffness": 1.0, "hysteresis": _ELEMENTS}}
-_LONG = {"contacts": list(range(300)), "links": {"stiffness": 1.0}}
+if TYPE_CHECKING:
+    from crawler_model import Scene
+
+_PATCHES = {"ground": {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}}
+_PROFILE = {"ground": {"profile": {"at": [0.0, 1.0], "friction": [1.0, 0.5]}}}
 _LOOK_EVERY_S = 0.5
 
 
-def compile_scene(name: str, **more: Any) -> None:
-    """Compile the kernels of a scene of the gallery.
+def example_of(kind: Kind) -> Scene:
+    """Build a scene of the kind of body and ground that kernels are compiled for.
 
     Args:
-        name: its name.
-        **more: changes to its document.
-    """
-    from crawler_model import Scene, load_scene, simulate
+        kind: a key of `EXAMPLES`.
 
-    simulate(Scene.model_validate(load_scene(name).document() | more), duration=0.05)
+    Returns:
+        The scene.
+    """
+    from crawler_model import Scene, load_scene
+
+    name, more = EXAMPLES[kind]
+    return Scene.model_validate(load_scene(name).document() | more)
+
+
+def compile_example(kind: Kind) -> None:
+    """Compile the kernels that simulate a kind of body and ground.
+
+    Args:
+        kind: a key of `EXAMPLES`.
+    """
+    from crawler_model import simulate
+
+    simulate(example_of(kind), duration=0.05)
+
+
+def _make_long(contacts: int, *more: tuple[int, int]) -> dict[str, Any]:
+    """Make a body long: neighbours are joined by links, and so are pairs of `more`."""
+    between = [*zip(range(contacts - 1), range(1, contacts), strict=True), *more]
+    body = {"contacts": [*range(contacts)], "links": {"stiffness": 1.0, "between": between}}
+    return {"body": body, "drive": {"times": [0.0, 1.0], "actuation": [[0.0] * len(between), [1.0] * len(between)]}}
 
 
 def compile_environments() -> None:
@@ -60,13 +81,6 @@ def compile_node() -> None:
         from crawler_ros.recording.mcap_reader import compile_search
 
         compile_search()
-
-
-def compile_long() -> None:
-    """Compile the kernels of long chains."""
-    from crawler_model import Crawler, Scene
-
-    Crawler(Scene.model_validate({"name": "long", "body": _LONG, "friction": {"isotropic": 0.1}})).advance([1.0] * 299)
 
 
 def compile_derivatives() -> None:
@@ -95,38 +109,66 @@ class Kind(str, Enum):
 
     line = "line"  # chains on a line
     graphs = "graphs"  # other bodies on a line
-    node = "node"
-    springs = "springs"  # springs that bend, as tendons that go slack
-    hysteresis = "hysteresis"  # springs with loops
-    patches = "patches"  # patches of ground
-    walls = "walls"
-    long = "long"
+    long = "long"  # long chains
+    long_graphs = "long-graphs"
+    springs = "springs"  # springs that bend, as tendons that go slack, or have loops
+    patches = "patches"  # patches of ground, and walls
+    springs_on_patches = "springs-on-patches"
+    gradual = "gradual"  # ground that changes gradually
+    springs_on_gradual = "springs-on-gradual"
+    elongation = "elongation"  # friction that changes with elongations
     plane = "plane"  # bodies in the plane
+    node = "node"
     derivatives = "derivatives"
     batches = "batches"
     environments = "environments"
 
 
-BUILDS: dict[Kind, tuple[Callable[[], None], int]] = {
-    Kind.line: (partial(compile_scene, "three_contacts_two_ways"), 11),
-    Kind.graphs: (partial(compile_scene, "three_springs"), 9),
-    Kind.node: (compile_node, 10),
-    Kind.springs: (partial(compile_scene, "tendon_worm"), 13),
-    Kind.hysteresis: (partial(compile_scene, "three_contacts_two_ways", body=_HYSTERETIC), 13),
-    Kind.patches: (partial(compile_scene, "three_contacts_two_ways", ground=PATCHES), 12),
-    Kind.walls: (partial(compile_scene, "three_contacts_two_ways", ground=WALLS), 12),
-    Kind.long: (compile_long, 8),
-    Kind.plane: (partial(compile_scene, "planar_three_points"), 18),
-    Kind.derivatives: (compile_derivatives, 16),
-    Kind.batches: (compile_batches, 4),
-    Kind.environments: (compile_environments, 6),
+EXAMPLES: dict[Kind, tuple[str, dict[str, Any]]] = {
+    Kind.line: ("three_contacts_two_ways", {}),
+    Kind.graphs: ("three_springs", {}),
+    Kind.long: ("three_contacts_two_ways", _make_long(300)),
+    Kind.long_graphs: ("three_springs", _make_long(300, (0, 2))),
+    Kind.springs: ("tendon_worm", {}),
+    Kind.patches: ("three_contacts_two_ways", _PATCHES),
+    Kind.springs_on_patches: ("tendon_worm", _PATCHES),
+    Kind.gradual: ("leaving_ice", {}),
+    Kind.springs_on_gradual: ("tendon_worm", _PROFILE),
+    Kind.elongation: ("worm_in_a_tube", {}),
+    Kind.plane: ("planar_three_points", {}),
 }
-"""What compiles each kind, and the processor time that it takes [s]. Times are measured on one machine; on another one
-their ratios are similar."""
-JOBS = (
-    (Kind.line, Kind.springs, Kind.hysteresis, Kind.patches, Kind.long, Kind.environments),
-    (Kind.plane, Kind.graphs, Kind.walls, Kind.derivatives, Kind.node, Kind.batches),
-)
+"""A scene of the gallery for each kind of body and ground, and what is changed of it. For bodies on a line kernels are
+compiled for no other kinds: all else is numbers."""
+BUILDS: dict[Kind, Callable[[], None]] = {
+    **{kind: partial(compile_example, kind) for kind in EXAMPLES},
+    Kind.node: compile_node,
+    Kind.derivatives: compile_derivatives,
+    Kind.batches: compile_batches,
+    Kind.environments: compile_environments,
+}
+"""What compiles each kind."""
+SECONDS = {
+    Kind.line: 11,
+    Kind.graphs: 9,
+    Kind.long: 9,
+    Kind.long_graphs: 9,
+    Kind.springs: 17,
+    Kind.patches: 16,
+    Kind.springs_on_patches: 16,
+    Kind.gradual: 22,
+    Kind.springs_on_gradual: 22,
+    Kind.elongation: 33,
+    Kind.plane: 18,
+    Kind.node: 10,
+    Kind.derivatives: 16,
+    Kind.batches: 4,
+    Kind.environments: 6,
+}
+"""Processor time that it takes to compile each kind where those before it are there [s]. Times are measured on one
+machine; on another one their ratios are similar."""
+_FIRST = (Kind.line, Kind.springs, Kind.patches, Kind.springs_on_patches, Kind.gradual, Kind.long)
+_SECOND = (Kind.plane, Kind.graphs, Kind.elongation, Kind.springs_on_gradual, Kind.long_graphs)
+JOBS = ((*_FIRST, Kind.node, Kind.environments), (*_SECOND, Kind.derivatives, Kind.batches))
 """What one process compiles, in this order; what a kind shares with one before it is loaded."""
 _OF_A_FUNCTION = (
     ("crawler_model.motion.plane", 0.25),
@@ -154,7 +196,7 @@ def warm(
 
     jobs = [job for job in ([kind for kind in job if not kinds or kind in kinds] for job in JOBS) if job]
     names = ", ".join(kind.value for job in jobs for kind in job)
-    expected = sum(BUILDS[kind][1] for job in jobs for kind in job)
+    expected = sum(SECONDS[kind] for job in jobs for kind in job)
     processes = min(workers or available_cores(), len(jobs))
     if not sys.stderr.isatty():
         text = f"compiling {names}: up to {expected} s of processor time in {processes} process(es)"
@@ -187,8 +229,7 @@ def _compile(kinds: list[Kind]) -> None:
     kernel_cache.report = _refuse
     try:
         for kind in kinds:
-            build, _ = BUILDS[kind]
-            build()
+            BUILDS[kind]()
     finally:  # a single process is the process of the command or of a test
         announcer.show, kernel_cache.report = before
 

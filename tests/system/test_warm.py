@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numba
 import pytest
 
-from crawler_lab.verbs.warm import BUILDS, JOBS, Kind, measure_compiled
+import crawler_model.motion.line.motion
+from crawler_lab.verbs.warm import BUILDS, EXAMPLES, JOBS, SECONDS, Kind, example_of, measure_compiled
+from crawler_model import Scene, simulate
 
 from ..commands import crawler
 
@@ -153,7 +158,56 @@ def test_no_index_counts_from_the_end(index, shape):
 
 def test_every_kind_is_compiled_by_one_job():
     kinds = [kind for job in JOBS for kind in job]
-    assert sorted(kinds) == sorted(Kind) == sorted(BUILDS)
+    assert sorted(kinds) == sorted(Kind) == sorted(BUILDS) == sorted(SECONDS)
+
+
+ELEMENT = {"stiffness": 1.0, "yield": 0.1}
+LINKS = {
+    "linear": {"stiffness": 1.0},
+    "tendons": {"stiffness": 1.0, "tension": {"least": 0.0}},
+    "loops": {"stiffness": 1.0, "hysteresis": [ELEMENT]},
+    "backlash": {"stiffness": 1.0, "backlash": 0.01},
+}
+PATCHES = {"patches": [{"from": 0.1, "to": 0.2, "friction": 0.5}]}
+WALLS = {"walls": [{"at": 9.0, "stops": "forward"}]}
+PROFILE = {"profile": {"at": [0.0, 1.0], "friction": [1.0, 0.5]}}
+GROUNDS = [PATCHES, WALLS, PROFILE, PATCHES | WALLS, WALLS | PROFILE, PATCHES | WALLS | PROFILE]
+ADDED = {"with_elongation": [{"link": 0, "contacts": [0], "elongation": [0.0, 1.0], "added": [0.0, 0.1]}]}
+
+
+def types_of(monkeypatch, scene: Scene) -> tuple[str, ...]:
+    """Find the types of what a simulation gives to the kernel that follows ramps."""
+
+    class FollowedError(Exception):
+        pass
+
+    def note(*arguments: Any) -> None:
+        raise FollowedError(*(re.sub(r"\d+d, ", "", str(numba.typeof(each))) for each in arguments))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(crawler_model.motion.line.motion, "follow", note)
+        with pytest.raises(FollowedError) as followed:
+            simulate(scene, duration=0.1)
+    return followed.value.args
+
+
+@pytest.mark.parametrize("between", [[[0, 1], [1, 2]], [[0, 1], [1, 2], [0, 2]]], ids=["chain", "graph"])
+@pytest.mark.parametrize("links", LINKS)
+def test_no_body_on_a_line_needs_other_kernels(monkeypatch, links, between):
+    """Whatever a scene combines, its kernels are those of an example of `crawler warm`."""
+    known = {types_of(monkeypatch, example_of(kind)) for kind in EXAMPLES if kind != Kind.plane}
+    assert len(known) == len(EXAMPLES) - 1
+    document = {
+        "name": "combined",
+        "body": {"contacts": [0.0, 1.0, 2.0], "links": LINKS[links] | {"between": between}},
+        "friction": {"forward": 0.2, "backward": 0.5},
+        "drive": {"times": [0.0, 1.0], "actuation": [[0.0] * len(between), [1.0] * len(between)]},
+    }
+    scenes = [document, *(document | {"ground": ground} for ground in GROUNDS)]
+    if links == "linear":
+        scenes += [scene | {"friction": scene["friction"] | ADDED} for scene in scenes]
+    for scene in scenes:
+        assert types_of(monkeypatch, Scene.model_validate(scene)) in known, scene
 
 
 def test_warm_loads_what_is_there_and_says_where_it_is():
@@ -162,8 +216,7 @@ def test_warm_loads_what_is_there_and_says_where_it_is():
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("ready: line; 0 functions compiled in ")
     assert (
-        done.stderr
-        == f"crawler: compiling line: up to {BUILDS[Kind.line][1]} s of processor time in 1 process(es) ...\n"
+        done.stderr == f"crawler: compiling line: up to {SECONDS[Kind.line]} s of processor time in 1 process(es) ...\n"
     )
 
 
@@ -176,7 +229,7 @@ def test_what_is_expected_is_about_what_is_compiled(tmp_path):
     assert done.returncode == 0, done.stderr
     code = "from crawler_lab.verbs.warm import measure_compiled; print(measure_compiled()[1])"
     seconds = float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment))
-    assert seconds == pytest.approx(BUILDS[Kind.line][1] + BUILDS[Kind.plane][1], rel=0.3)
+    assert seconds == pytest.approx(SECONDS[Kind.line] + SECONDS[Kind.plane], rel=0.3)
 
 
 def test_the_cache_is_measured_by_the_cost_of_its_functions():

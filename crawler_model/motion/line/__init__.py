@@ -6,7 +6,7 @@ Args:
     contacts: CONTACT, shape (N,).
     springs: SPRING, shape (S,).
     model: a `Model`.
-    matrix: its matrix; None for chains.
+    matrix: its matrix; None where all blocks are paths.
     ramp: the RAMP.
     ends: END, shape (2 S,).
     block: BLOCK, memory for the present block.
@@ -23,7 +23,7 @@ Args:
     foot: its FOOT.
     spring: the SPRING.
     bend: its BEND.
-    sliders: SLIDER, shape (H,); None if no spring has any.
+    sliders: SLIDER, shape (H,).
     z: its elongation [m].
     u: z - L [m].
     count: number of contacts of the block, or of its rows where a sleeping cluster is one.

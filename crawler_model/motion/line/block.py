@@ -14,8 +14,9 @@ from .advance import place_of
 from .clusters import enter_cluster, find_cluster, find_span, wake_all
 from .ground.bounds import enter_ground
 from .ground.couplings import couplings_of, follow_couplings, is_coupled, place_couplings
-from .ground.gradual import is_gradual, profile_of
+from .ground.gradual import is_gradual
 from .ground.steps import enter_end
+from .ground.walls import is_given
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .springs.bends import is_flat
@@ -254,11 +255,16 @@ def _find_stretch(contacts, springs, model, clusters, ramp, i):
 
 
 @inlined
-def _find_gradual_stretch(contacts, springs, model, profile, ramp, i):
-    """Find the block around contact i of a chain on gradual ground, which has no guards; returns its number of rows."""
-    if profile is None:
+def _find_stretch_of_chain(contacts, springs, model, ramp, i):
+    """Find the block around contact i as `_find_stretch`, without guards on gradual ground.
+
+    Args:
+        model: of a chain that has a matrix, because it has bent springs or ground.
+    """
+    if not (is_given(model.ground) or is_given(model.curves)):
         return 0
-    ramp.search.reach = contacts.shape[0]
+    if is_gradual(model.ground):
+        ramp.search.reach = contacts.shape[0]
     return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
 
 
@@ -360,8 +366,8 @@ def find_block(contacts, springs, model, matrix, ramp, i):
         return _find_stretch(contacts, springs, model, model.clusters, ramp, i)
     if is_coupled(couplings_of(model.ground)):
         return _find_whole(contacts, springs, model, ramp)
-    if is_gradual(model.ground) and ramp.search.chain and not ramp.stepping:
-        return _find_gradual_stretch(contacts, springs, model, profile_of(model.ground), ramp, i)
+    if ramp.search.chain and not (is_gradual(model.ground) and ramp.stepping):
+        return _find_stretch_of_chain(contacts, springs, model, ramp, i)
     count = 0 if is_gradual(model.ground) else _find_path(contacts, springs, model, model.clusters, ramp, i)
     if count == 0 and wake_all(contacts, springs, model.clusters, ramp):
         ramp.search.block += 1

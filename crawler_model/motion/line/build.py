@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import frozen
 from ...body.body import Body
 from ...body.couplings import add_friction
 from ...body.curves import add_start, list_sliders
@@ -117,13 +118,12 @@ def _build_clusters(body: Body) -> np.ndarray | None:
     return clusters
 
 
-def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tuple[Any, ...]:
+def build_memory(body: Body, track: Track | None) -> tuple[Any, ...]:
     """Allocate the memory in which ramps are followed.
 
     Args:
         body: the body.
-        gradual: whether the ground changes gradually.
-        coupled: whether friction changes with elongations; blocks then have dense matrices.
+        track: the ground. If friction changes with elongations, blocks have dense matrices.
 
     Returns:
         The fields of a `Model` without ground; only the ends of springs hold data between calls.
@@ -131,7 +131,7 @@ def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tu
     Raises:
         SceneError: if a matrix has too many entries.
     """
-    n, count = body.contacts, body.springs
+    n, count, coupled = body.contacts, body.springs, track is not None and bool(track.couplings)
     at = body.ends.T.ravel()
     order = np.argsort(at, kind="stable")
     ends = zeros(2 * count, END)
@@ -146,7 +146,8 @@ def build_memory(body: Body, gradual: bool = False, coupled: bool = False) -> tu
                 f"friction.with_elongation: {n} contacts need a matrix with {n * n:.1e} entries; at most "
                 f"{_MOST_NUMBERS:.0e} are allowed"
             )
-    matrix = np.zeros((n, width)) if gradual or not body.is_chain else None
+    is_simple = body.is_chain and not body.bends and track is None
+    matrix = None if is_simple else np.zeros((n, width))
     clusters = _build_clusters(body) if n >= LONG and not body.bends and not coupled else None
     listed, curves = np.zeros(n, np.int32), build_curves(body)
     return ends, zeros(n + 1, BLOCK), listed, matrix, zeros(2 * n, BREAK), NO_PIECES, None, clusters, curves
@@ -159,7 +160,7 @@ def build_curves(body: Body) -> tuple[Any, ...] | None:
         body: the body.
 
     Returns:
-        The fields of `Curves` without sliders, which are state; None if all springs are linear.
+        The fields of `Curves`, with no sliders, which are state; None if all springs are linear.
     """
     if not body.bends:
         return None
@@ -175,19 +176,22 @@ def build_curves(body: Body) -> tuple[Any, ...] | None:
     pieces = zeros(count, PIECE)
     for name, column in zip(("begin", "end", "slope", "at", "value", "energy"), np.concatenate(tables).T, strict=True):
         pieces[name] = column
-    return bends, pieces, zeros(body.contacts, STRAY), np.zeros(body.contacts, np.int32), None
+    return bends, pieces, zeros(body.contacts, STRAY), np.zeros(body.contacts, np.int32), zeros(0, SLIDER)
 
 
-def build_falls(body: Body) -> tuple[np.ndarray, ...]:
-    """Allocate the memory in which falls are followed.
+def build_falls(body: Body, track: Track) -> tuple[np.ndarray, ...]:
+    """Allocate the memory in which falls are followed, and find the walls that end them.
 
     Args:
         body: the body.
+        track: the ground.
 
     Returns:
-        The fields `drawn` and `nodes` of a `Terrain`.
+        The fields `drawn`, `nodes` and `walls` of a `Terrain`.
     """
-    return zeros(body.contacts, DRAWN), np.zeros(body.contacts + 1, np.int32)
+    nowhere = np.broadcast_to([[np.inf], [-np.inf]], (2, body.contacts))
+    walls = frozen(nowhere if track.walls is None else track.walls.place)  # both kinds read-only: one kernel
+    return zeros(body.contacts, DRAWN), np.zeros(body.contacts + 1, np.int32), walls
 
 
 def build_couplings(body: Body, track: Track | None) -> tuple[np.ndarray, ...] | None:
@@ -218,24 +222,21 @@ def build_couplings(body: Body, track: Track | None) -> tuple[np.ndarray, ...] |
     return each, pieces, np.zeros(body.contacts, np.int64), np.array([steep.max() <= 0.0])
 
 
-def build_sliders(body: Body, elongation: np.ndarray) -> np.ndarray | None:
+def build_sliders(body: Body, elongation: np.ndarray) -> np.ndarray:
     """Build the sliders of springs with hysteresis, with the forces that they have at the start of the scene.
 
     Args:
         body: the body.
-        elongation: z, shape (S,) [m].
+        elongation: z, shape (..., S) [m].
 
     Returns:
-        SLIDER, shape (H,); None if there are none.
+        SLIDER, shape (..., H).
     """
-    given = list_sliders(body.bends)
-    if not given.size:
-        return None
-    spring, stiffness, limit, force = given.T
-    sliders = zeros(spring.size, SLIDER)
+    spring, stiffness, limit, force = list_sliders(body.bends).T
+    sliders = zeros((*elongation.shape[:-1], spring.size), SLIDER)
     sliders["spring"] = spring
     sliders["stiffness"], sliders["limit"], sliders["reach"] = stiffness, limit, limit / stiffness
-    sliders["slip"] = elongation[sliders["spring"]] - force / stiffness
+    sliders["slip"] = elongation[..., spring.astype(np.int64)] - force / stiffness
     sliders["mode"] = np.where(np.abs(force) >= limit, np.sign(force), 0.0)
     return sliders
 

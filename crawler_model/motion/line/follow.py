@@ -61,7 +61,7 @@ def _begin(contacts, springs, model, ramp, target):
         ramp.parted
     ) = 0
     ramp.search.undetermined = ramp.search.loose = ramp.passed = 0
-    begin_strays(model.curves, 0.0)
+    begin_strays(model.curves)
     changed = _begin_contacts(contacts, model, ramp, target, springs.shape[0])
     begin_chords(model.ground, ramp)
     span = ramp.span
@@ -317,9 +317,9 @@ def _build_terrain(ground):
     """Name the parts of the ground; None without patches."""
     if ground is None:
         return None
-    feet, jumps, drawn, nodes, borders, grip, pressed, rise, walls, profile, couplings = ground
+    feet, jumps, drawn, nodes, walls, borders, grip, pressed, rise, profile, couplings = ground
     couplings = _build_couplings(couplings, feet)
-    return Terrain(feet, jumps, drawn, nodes, borders, grip, pressed, rise, walls, profile, couplings)
+    return Terrain(feet, jumps, drawn, nodes, walls, borders, grip, pressed, rise, profile, couplings)
 
 
 @lean

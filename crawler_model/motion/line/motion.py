@@ -53,18 +53,18 @@ class LineState:
     Attributes:
         contacts: CONTACT, shape (N,).
         springs: SPRING, shape (S,).
+        sliders: SLIDER, shape (H,); none without springs with hysteresis.
         loaded: whether the body has loads.
         feet: FOOT, shape (N,); None without patches of ground.
-        sliders: SLIDER, shape (H,); None without springs with hysteresis.
         led: the commanded lengths of actuators with backlash, as in `Backlash`, shape (B,) [m]; None without any.
         backlash: the backlash of these; None without any.
     """
 
     contacts: np.ndarray
     springs: np.ndarray
+    sliders: np.ndarray
     loaded: bool = False
     feet: np.ndarray | None = None
-    sliders: np.ndarray | None = None
     led: np.ndarray | None = None
     backlash: Backlash | None = None
 
@@ -96,8 +96,6 @@ class LineState:
     @property
     def hysteresis(self) -> np.ndarray:
         """Forces of the elements of hysteresis, spring by spring, shape (H,) [N]."""
-        if self.sliders is None:
-            return np.empty(0)
         s = self.sliders
         way = self.springs["elongation"][s["spring"]] - s["slip"]
         return np.where(s["mode"] == 0, s["stiffness"] * way, s["mode"] * s["limit"])
@@ -160,10 +158,9 @@ class LineState:
     def copy(self) -> LineState:
         """Copy the state, see `State`."""
         feet = None if self.feet is None else copy_records(self.feet)
-        sliders = None if self.sliders is None else copy_records(self.sliders)
         led = None if self.led is None else self.led.copy()
-        contacts, springs = copy_records(self.contacts), copy_records(self.springs)
-        return LineState(contacts, springs, self.loaded, feet, sliders, led, self.backlash)
+        contacts, springs, sliders = (copy_records(each) for each in (self.contacts, self.springs, self.sliders))
+        return LineState(contacts, springs, sliders, self.loaded, feet, led, self.backlash)
 
     def restore(self, kept: LineState) -> None:
         """Return to former numbers.
@@ -171,11 +168,9 @@ class LineState:
         Args:
             kept: a copy of the state.
         """
-        self.contacts[:], self.springs[:] = kept.contacts, kept.springs
+        self.contacts[:], self.springs[:], self.sliders[:] = kept.contacts, kept.springs, kept.sliders
         if self.feet is not None:
             self.feet[:] = kept.feet
-        if self.sliders is not None:
-            self.sliders[:] = kept.sliders
         if self.led is not None:
             self.led[:] = kept.led
 
@@ -184,8 +179,7 @@ class LineState:
         parts = [self.contacts[name] for name, _ in CONTACT_STATE] + [self.springs[name] for name in SPRING_STATE]
         if self.feet is not None:
             parts += [self.feet[name] for name in FOOT_STATE]
-        if self.sliders is not None:
-            parts += [self.sliders[name] for name in SLIDER_STATE]
+        parts += [self.sliders[name] for name in SLIDER_STATE]
         if self.led is not None:
             parts.append(self.led)
         return b"".join(part.tobytes() for part in parts)
@@ -233,7 +227,7 @@ class LineMotion:
             contacts["bounds_met"] &= ~feet["walled"]
         sliders = build.build_sliders(self.body, springs["elongation"])
         led = None if backlash is None else commanded[..., backlash.springs].copy()
-        return LineState(contacts, springs, loaded, feet, sliders, led, backlash)
+        return LineState(contacts, springs, sliders, loaded, feet, led, backlash)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
@@ -243,9 +237,8 @@ class LineMotion:
         ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
         couplings = build.build_couplings(self.body, self.track)
         ramps["search"]["chain"] = self.body.is_chain and couplings is None
-        gradual = self.track is not None and self.track.profile is not None
-        memory = build.build_memory(self.body, gradual, couplings is not None)
-        falls = () if self.track is None else build.build_falls(self.body)
+        memory = build.build_memory(self.body, self.track)
+        falls = () if self.track is None else build.build_falls(self.body, self.track)
         return Scratch(ramps, memory, ramps["budget"], ramps["exact"], falls, couplings)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:
@@ -259,7 +252,7 @@ class LineMotion:
             The fields.
         """
         parts = scratch.memory
-        return parts if state.sliders is None else (*parts[:8], (*parts[8][:4], state.sliders))
+        return parts if parts[8] is None else (*parts[:8], (*parts[8][:4], state.sliders))
 
     def follow(
         self,
@@ -341,9 +334,8 @@ class LineMotion:
             if track is not None:
                 room = room or self.body.contacts + 16
                 jumps = zeros(room, JUMP)
-                walls = None if track.walls is None else track.walls.place
                 places = track.borders, track.grip, track.pressed, track.rise
-                ground = state.feet, jumps, *scratch.falls, *places, walls, track.profile, scratch.couplings
+                ground = state.feet, jumps, *scratch.falls, *places, track.profile, scratch.couplings
                 memory = (*parts[:6], ground, None, parts[8])
             runaway = follow(state.contacts, state.springs, ramps, memory, targets, account, records)
             if kept is None or (track is None and not runaway):

@@ -431,15 +431,15 @@ class Terrain(NamedTuple):
     """DRAWN, the contacts that take part in the present fall, memory, shape (N,)."""
     nodes: np.ndarray
     """Nodes of the tournament that are still to be descended to, memory, shape (N + 1,)."""
+    walls: np.ndarray
+    """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]."""
     borders: np.ndarray
     grip: np.ndarray
     pressed: np.ndarray
     rise: np.ndarray
-    walls: Any
-    """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]; None without
-    walls, where nothing of them is compiled."""
     profile: Any
-    """As in `body.ground.Track`; None if the ground changes at borders alone, likewise."""
+    """As in `body.ground.Track`; None if the ground changes at borders alone, where nothing of it is
+    compiled."""
     couplings: Any
     """The `Couplings`; None if no friction changes with elongations, likewise."""
 
@@ -454,9 +454,9 @@ class Model(NamedTuple):
     listed: np.ndarray
     """The contacts around which rates change, memory, shape (N,)."""
     matrix: Any
-    """Conductances between sliding contacts, memory, a row for each, shape (N, width); None for chains, all of whose
-    blocks are paths: nothing of other blocks is compiled, and for other bodies no guards of blocks. On
-    gradual ground chains have a matrix, too, for implicit steps. With couplings it has shape (N, N)."""
+    """Conductances between sliding contacts, memory, a row for each, shape (N, width); with couplings (N, N). None for
+    chains of linear springs on ground that is the same everywhere, all of whose blocks are paths: nothing of other
+    blocks is compiled, and for graphs of such springs on such ground no guards of blocks."""
     breaks: np.ndarray
     """BREAK, memory, shape (2 N,)."""
     pieces: np.ndarray

@@ -42,10 +42,10 @@ def test_each_unit_has_noise_of_its_own():
 
 def test_drift_is_slow_and_of_lengths_only():
     """The correlation of an Ornstein-Uhlenbeck process falls to 1/e in its time."""
-    drift = values(measure(400_000, drift=2e-3, drift_time=0.5))
+    drift = values(measure(80_000, drift=2e-3, drift_time=0.1))
     assert not drift[:, 2:].any()
     assert drift[:, 0].std() == pytest.approx(2e-3, rel=0.05)
-    lag = 50  # ticks, half a second
+    lag = 10  # ticks, a tenth of a second
     assert np.corrcoef(drift[:-lag, 0], drift[lag:, 0])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.05)
     assert abs(np.corrcoef(drift[:, 0], drift[:, 1])[0, 1]) < 0.1
 

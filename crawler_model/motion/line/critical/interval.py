@@ -33,14 +33,14 @@ def begin_interval(curves, ramp):
 
 
 @lean
-def begin_strays(curves, s):
-    """Begin at a place on the ramp: no translation is chosen."""
+def begin_strays(curves):
+    """Begin a ramp: no translation is chosen."""
     if curves is None:
         return
     for i in range(curves.strays.shape[0]):
         stray = curves.strays[i]
         stray.slower = stray.faster = 0.0
-        stray.since = stray.begun = s
+        stray.since = stray.begun = 0.0
         stray.chosen = 0
 
 

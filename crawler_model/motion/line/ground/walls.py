@@ -34,7 +34,10 @@ def has_walls(ground):
     """
     if ground is None:
         return False
-    return is_given(ground.walls)
+    found = False
+    for i in range(ground.walls.shape[1]):
+        found |= np.isfinite(ground.walls[0, i]) or np.isfinite(ground.walls[1, i])
+    return found
 
 
 @inlined
@@ -55,14 +58,12 @@ def room_of(c, foot, walls, side, i, s):
     """Compute the distance of a contact from its wall at s.
 
     Args:
-        walls: places of the wall ahead and of the wall behind each contact, shape (2, N) [m]; None without walls.
+        walls: places of the wall ahead and of the wall behind each contact, as in `Terrain`, shape (2, N) [m].
         side: FORWARD for the wall ahead, BACKWARD for the wall behind.
 
     Returns:
         The distance, < 0 beyond the wall, infinite without one [m].
     """
-    if walls is None:
-        return np.inf
     x = c.x + c.v * (s - c.since)
     if side == FORWARD:
         return (walls[0, i] - foot.home - x) - c.residue
@@ -86,8 +87,6 @@ def find_wall(c, ground, i, when):
 
 @lean
 def _find_wall(c, foot, walls, i, when):
-    if walls is None:
-        return when
     if c.v == 0.0:
         return when
     room = room_of(c, foot, walls, FORWARD if c.v > 0.0 else BACKWARD, i, c.since)
@@ -108,8 +107,6 @@ def put_at_wall(c, foot, walls, side, i):
         walls: as for `room_of`.
         side: FORWARD or BACKWARD.
     """
-    if walls is None:
-        return
     c.x, c.residue = walls[0 if side == FORWARD else 1, i] - foot.home, 0.0
     foot.walled |= side
     c.bounds_met &= ~side
@@ -129,8 +126,6 @@ def is_at_wall(c, foot, walls, i, near):
     Returns:
         Whether it has.
     """
-    if walls is None:
-        return False
     side = FORWARD if c.v > 0.0 else BACKWARD
     return c.v != 0.0 and room_of(c, foot, walls, side, i, c.since) <= near
 
@@ -143,8 +138,6 @@ def rest_at_wall(c, foot, walls, i, near):
         walls: as for `room_of`.
         near: distance that is rounding [m].
     """
-    if walls is None:
-        return
     for side in (FORWARD, BACKWARD):
         if not foot.walled & side and abs(room_of(c, foot, walls, side, i, c.since)) <= near:
             put_at_wall(c, foot, walls, side, i)
@@ -157,8 +150,6 @@ def leave_wall(c, foot, walls):
     Args:
         walls: as for `room_of`.
     """
-    if walls is None:
-        return
     if c.v != 0.0:
         foot.walled &= ~(BACKWARD if c.v > 0.0 else FORWARD)
 
@@ -170,8 +161,6 @@ def keep_before_walls(c, foot, walls, i):
     Args:
         walls: as for `room_of`.
     """
-    if walls is None:
-        return
     for side in (FORWARD, BACKWARD):
         if room_of(c, foot, walls, side, i, c.since) < 0.0:
             put_at_wall(c, foot, walls, side, i)

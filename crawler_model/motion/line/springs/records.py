@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,5 +97,5 @@ class Curves(NamedTuple):
     """STRAY, memory, shape (N,)."""
     members: np.ndarray
     """The contacts, part by part, see `parts`, memory, shape (N,)."""
-    sliders: Any
-    """SLIDER, shape (H,); None if no spring has any, where nothing of them is compiled."""
+    sliders: np.ndarray
+    """SLIDER, shape (H,)."""

@@ -20,8 +20,6 @@ def line_of_sliders(sliders, bend):
     Returns:
         Its slope [N/m], and its force at z = 0 [N].
     """
-    if sliders is None:
-        return 0.0, 0.0
     slope = force = 0.0
     for k in range(bend.first, bend.last):
         slider = sliders[k]
@@ -46,8 +44,6 @@ def force_of_sliders(sliders, bend, z):
     Returns:
         The sum [N].
     """
-    if sliders is None:
-        return 0.0
     force = 0.0
     for k in range(bend.first, bend.last):
         force += _force_of(sliders[k], z)
@@ -61,8 +57,6 @@ def energy_of_sliders(sliders, bend, z):
     Returns:
         The energy [J].
     """
-    if sliders is None:
-        return 0.0
     energy = 0.0
     for k in range(bend.first, bend.last):
         force = _force_of(sliders[k], z)
@@ -80,8 +74,6 @@ def energy_remembered(springs, bends, sliders):
     Returns:
         The energy [J].
     """
-    if sliders is None:
-        return 0.0
     energy = 0.0
     for j in range(springs.shape[0]):
         if springs[j].bend >= 0:
@@ -100,8 +92,6 @@ def find_turn(sliders, bend, z, stretch, soonest):
     Returns:
         How long it takes to the first of both; the number of the slider, -1 if it is none.
     """
-    if sliders is None:
-        return soonest, -1
     found = -1
     if stretch == 0.0:
         return soonest, found
@@ -136,8 +126,6 @@ def turn_slider(sliders, bend, ramp, z, number):
     Args:
         number: of the slider in its spring.
     """
-    if sliders is None:
-        return
     slider = sliders[bend.first + number]
     if slider.mode != 0:
         _settle(slider, bend, ramp, z)
@@ -149,8 +137,6 @@ def turn_slider(sliders, bend, ramp, z, number):
 @lean
 def settle_sliders(sliders, bend, ramp, z):
     """Let the slips of a bent spring follow its elongation where a ramp or a part of it ends."""
-    if sliders is None:
-        return
     for k in range(bend.first, bend.last):
         if sliders[k].mode != 0:
             _settle(sliders[k], bend, ramp, z)
@@ -166,8 +152,6 @@ def change_sliders(sliders, bend, z, near):
     Returns:
         Whether that has changed, so that the step has to be solved anew.
     """
-    if sliders is None:
-        return False
     changed = False
     for k in range(bend.first, bend.last):
         slider = sliders[k]
@@ -183,8 +167,6 @@ def change_sliders(sliders, bend, z, near):
 @lean
 def keep_sliders(sliders):
     """Keep which sliders yield in the last part of an implicit step that has been solved."""
-    if sliders is None:
-        return
     for k in range(sliders.shape[0]):
         sliders[k].kept = sliders[k].mode
 
@@ -196,8 +178,6 @@ def return_sliders(sliders, bend):
     Returns:
         Whether any did otherwise.
     """
-    if sliders is None:
-        return False
     changed = False
     for k in range(bend.first, bend.last):
         slider = sliders[k]
