@@ -21,6 +21,8 @@ from .space import Space
 Offset = Literal["none", "frame", "each"]
 _FEWEST = 8
 """Fitted rows of a channel from which its noise is estimated."""
+_NOT_ROUNDED = 1e-3
+"""Residuals below this part of the pixels, in all channels, which no camera leaves: values computed on a grid."""
 _LONGEST_LAG = 0.1
 """As a part of the recording."""
 _LARGE = 60_000
@@ -168,6 +170,10 @@ class Problem:
         noises, known = [], {}
         for i, replica in enumerate(self.replicas):
             time, found = replica.measured.time, []
+            if self.pixels[i].any() and np.all(
+                _measure_rms(residuals.all[i], self.present[i]) <= _NOT_ROUNDED * self.pixels[i]
+            ):
+                self.pixels[i] = np.zeros(self.pixels[i].size)
             for m, (name, channel) in enumerate(zip(replica.measured.channels, self.channels[i], strict=True)):
                 rows, estimate = channel.rows, (channel.noise, np.zeros(channel.rows.size))
                 if rows.size >= _FEWEST:
@@ -383,6 +389,12 @@ def _find_pixels(replica: Replica, present: np.ndarray) -> np.ndarray:
     return np.where(
         measured.on_ground & (found == 0.0) & ground.any(), np.median(found[ground] if ground.any() else [0.0]), found
     )
+
+
+def _measure_rms(residuals: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """Compute the rms of the fitted residuals of each channel, 0 where none is fitted, shape (M,) [m]."""
+    squares = np.sum(np.where(present, residuals, 0.0) ** 2, axis=0)
+    return np.asarray(np.sqrt(squares / np.maximum(present.sum(axis=0), 1)))
 
 
 def _count_offsets(replica: Replica, offset: Offset) -> int:

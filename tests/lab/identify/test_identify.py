@@ -98,6 +98,20 @@ def value_of(document: dict[str, Any], name: str) -> float:
     return float(node)
 
 
+def test_round_numbers_of_a_simulation_are_no_pixels() -> None:
+    """All positions are multiples of 0.4 mm, which a camera would leave residuals of."""
+    document = chain(2, friction={"forward": 0.2, "backward": 0.6}) | {
+        "body": {"contacts": [0.0, 0.1], "links": {"stiffness": 20.0}}
+    }
+    times, rows = [0.0, 0.5, 1.0, 1.5, 2.0], np.array([[0.0], [0.1], [0.0], [0.1], [0.0]])
+    guess = scaled(document, {"friction.forward": 1.1})
+    found = identify(guess, [measure(document, times, rows)], ["friction.forward"])
+    (parameter,) = found.parameters
+    assert parameter.verdict == "identified"
+    assert parameter.interval == pytest.approx((0.2, 0.2), rel=1e-3)
+    assert found.noise < 1e-5
+
+
 @pytest.mark.parametrize(("most", "longest", "guess"), [(0.3, 0.06, (0.4, 0.07)), (0.45, 0.2, (0.2, 0.095))])
 def test_limits_and_stops_are_found_or_bounded(most: float, longest: float, guess: tuple[float, float]) -> None:
     """A motor whose limit is reached, guessed too strong; one whose limit is not, guessed too weak."""
