@@ -27,7 +27,9 @@ _TOLERANCE = 1e-5
 """Of runs in the plane, far below the differences of runs."""
 _STEPS = {1: 2.0**-18, 2: 2.0**-10}
 """Step of the differences by the dimension of the body, relative to the value of the parameter [1]. Runs on a line are
-exact, and a jump within the step would count as a derivative."""
+exact, and small steps seldom meet a jump."""
+_JUMP = 2.0**8
+"""A difference that is so many times the other side's and the usual one is a jump within the step, no derivative."""
 _TICK = {1: 1e-6, 2: 1e-5}
 """Time that a run takes on an ordinary processor for each tick and contact, by the dimension of the body [s]."""
 _RUN = 3.0
@@ -117,9 +119,9 @@ class SampledReplica(Replica):
         jacobian = np.zeros((x.shape[1], count, x.shape[0]))
         for p in range(count):
             ends = [(move[1], side[0]) for move, side in zip(moves, sides, strict=True) if move[0] == p and side]
-            ends = ends if len(ends) == 2 else [(0.0, x), *ends]  # one side alone, or none
-            if len(ends) == 2:
-                jacobian[:, p] = ((ends[1][1] - ends[0][1]) / (ends[1][0] - ends[0][0])).T
+            rates = [(then - x) / step for step, then in ends]
+            if rates:  # of both sides, or of one alone
+                jacobian[:, p] = _combine(rates[0], rates[-1]).T
         return Prediction(x, jacobian, velocity)
 
     def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -146,3 +148,11 @@ class SampledReplica(Replica):
         matrix, added = self.observation
         rows = np.searchsorted(time, at)
         return x[rows] @ matrix.T + added, rate[rows] @ matrix.T
+
+
+def _combine(ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """Combine the differences of both sides to derivatives, of one side alone where the other one met a jump."""
+    near, far = np.minimum(np.abs(ahead), np.abs(behind)), np.maximum(np.abs(ahead), np.abs(behind))
+    usual = float(np.median(far[far > 0.0])) if far.any() else 0.0
+    smaller = np.where(np.abs(ahead) <= np.abs(behind), ahead, behind)
+    return np.where(far > _JUMP * np.maximum(near, usual), smaller, 0.5 * (ahead + behind))
