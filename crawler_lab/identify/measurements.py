@@ -25,6 +25,7 @@ _UNIX = (1e8, 1e10)
 _CLOCKS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _MOST_NAMED = 3
 _MILLIMETRES = "look like millimetres: divide them by 1000, or use --units mm if all lengths of a table are millimetres"
+_SCENE_IN_MILLIMETRES = "look like millimetres: divide them by 1000, or leave out --units mm if the table is in metres"
 
 
 class MeasurementError(CrawlerError):
@@ -374,7 +375,7 @@ def _check_units(scene: Scene, measured: Measurements, arrays: dict[str, np.ndar
         if _THOUSAND[0] < abs(apart) / expected < _THOUSAND[1]:
             raise MeasurementError(f"{words}; the numbers {_MILLIMETRES}")
         if _THOUSAND[0] < expected / max(abs(apart), 1e-300) < _THOUSAND[1]:
-            raise MeasurementError(f"{words}; the lengths of the scene look like millimetres: divide them by 1000")
+            raise MeasurementError(f"{words}; the lengths of the scene {_SCENE_IN_MILLIMETRES}")
     length = float(np.ptp(scene.body.position)) or 1.0
     lengths = [c for c, column in enumerate(measured.command_names) if column.startswith("link_")]
     elongations = [m for m, channel in enumerate(measured.channels) if channel.startswith("link_")]

@@ -69,6 +69,8 @@ def test_units_are_checked_where_both_ends_are_seen():
     values[25:, 1] = np.nan
     values[:, 2] = 0.0
     check_measurements(SCENE, dataclasses.replace(wrong, values=values))
+    with pytest.raises(MeasurementError, match=r"divide them by 1000, or leave out --units mm if .* in metres"):
+        check_measurements(SCENE, changed("values", slice(None), measured().values / 1000.0))
 
 
 NONE = np.zeros((51, 0))
