@@ -23,6 +23,8 @@ _BINS = 20
 _LONG = 10.0
 """Elongations beyond this length are taken for ones in another unit [m]."""
 _WIDER = 1.25
+_BACKWARDS = 0.1
+"""Part of the misfit by which a loop that is drawn backwards is open."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +194,7 @@ def fit_springs(name: str, elongation: np.ndarray, force: np.ndarray, time: np.n
         residual=residual,
         noise=noise,
         rate=rate,
-        notes=tuple(_find_notes(elongation, quarters, residual > allowed, elements)),
+        notes=tuple(_find_notes(elongation, quarters, residual if residual > allowed else 0.0, elements)),
         time=clock,
         elongation=elongation,
         force=force,
@@ -248,12 +250,17 @@ def _between(value: float, low: float, high: float) -> Estimate:
 
 
 def _find_notes(
-    elongation: np.ndarray, widths: tuple[float, float], misfit: bool, elements: list[Element]
+    elongation: np.ndarray, widths: tuple[float, float], misfit: float, elements: list[Element]
 ) -> list[str]:
     notes = []
+    if misfit > 0.0 and max(widths) < -_BACKWARDS * misfit:
+        notes.append(
+            "the force is larger on the way back than on the way out, so that the loop would give energy: are "
+            "elongation and force exchanged, or is one of them negated?"
+        )
     if np.ptp(elongation) > _LONG:
         notes.append(f"the elongation spans {np.ptp(elongation):g} m: is `--units mm` missing?")
-    if misfit and min(widths) > 0.0 and max(widths) > _WIDER * min(widths):
+    if misfit > 0.0 and min(widths) > 0.0 and max(widths) > _WIDER * min(widths):
         notes.append(
             f"the loop is {widths[0]:.3g} N wide at a quarter and {widths[1]:.3g} N at three quarters of its "
             "elongations: friction that grows with tension, as of a cable in a sheath, is not in the model"

@@ -152,9 +152,10 @@ def _describe_rate(rate: Rate | None) -> str:
     if rate is None:
         return "rate: not known, the table has no column `time`"
     speeds = f"{1e3 * rate.speeds[0]:.3g} to {1e3 * rate.speeds[1]:.3g} mm/s"
-    if rate.difference is None or rate.part is None:
+    if rate.difference is None:
         return f"rate: {rate.verdict}, {speeds}; loops at two, one twice the other, would decide whether it matters"
+    part = "" if rate.part is None else f", {100.0 * rate.part:.2g} % of the width of the loop"
     return (
-        f"rate: {rate.verdict}: from {speeds} the force changes by {rate.difference:.2g} N, {100.0 * rate.part:.2g} % "
-        f"of the width of the loop (mere noise would do so with a probability of {rate.chance:.1g})"
+        f"rate: {rate.verdict}: from {speeds} the force changes by {rate.difference:.2g} N{part} "
+        f"(mere noise would do so with a probability of {rate.chance:.1g})"
     )

@@ -235,6 +235,19 @@ def test_a_loop_that_grows_with_tension_is_no_loop_of_such_elements(tmp_path, ca
     assert "is `--units mm` missing?" in run(capsys, "springs", table)[1]
 
 
+@pytest.mark.parametrize("columns", [(0, 1), (1, 0)])
+def test_columns_that_are_negated_or_exchanged_are_named(columns, tmp_path, capsys):
+    """Such a loop would give energy. No loop is open then, and the change between speeds is told in newtons."""
+    z, force, time = at_two_speeds(0.0, 100, 20)
+    right = np.array([z, force])
+    wrong = right * [[-1.0], [1.0]] if columns == (0, 1) else right[::-1]
+    for (elongation, pull), named in ((right, False), (wrong, True)):
+        code, out, _ = run(capsys, "springs", write(tmp_path / "loop.csv", elongation, pull, time))
+        assert code == int(named)
+        assert ("are elongation and force exchanged, or is one of them negated?" in out) == named
+        assert "loops at two, one twice the other" not in out
+
+
 def rows(*lines):
     return "\n".join(lines) + "\n"
 
