@@ -123,18 +123,18 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
     )
     if cheap:
         yield Fault(
-            lambda mass, _: f"inertia: a mass of {1e3 * mass:.3g} g at each contact",
-            lambda s, mass, drag: Changed(dynamics=Dynamics(mass, drag)),
-            [(0.01, 0.05), (0.05, 0.2)],
-            (1e-3, 0.0),
-            (1.0, 10.0),
-        )
-        yield Fault(
             "viscosity: {:.3g} N s/m at each contact".format,
             lambda s, viscosity: Changed(dynamics=Dynamics(_LIGHT, _DAMPED, viscosity)),
             [(0.1,), (1.0,)],
             (0.0,),
             (100.0,),
+        )
+        yield Fault(  # with dampers, which imitate viscosity
+            lambda mass, _: f"inertia: a mass of {1e3 * mass:.3g} g at each contact",
+            lambda s, mass, drag: Changed(dynamics=Dynamics(mass, drag)),
+            [(0.01, 0.05), (0.05, 0.2)],
+            (1e-3, 0.0),
+            (1.0, 10.0),
         )
     half = 0.5 * max(float(np.ptp(one.place)) for one in seen)
     yield Fault(

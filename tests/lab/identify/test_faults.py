@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from crawler_lab import Measurements, Sensor
+from crawler_lab import Measurements, Sensor, identify
 from crawler_lab.identify.fit.fit import Fit, fit_from
 from crawler_lab.identify.fit.problem import Problem
 from crawler_lab.identify.fit.space import build_space
@@ -116,3 +116,22 @@ def test_what_differs_in_a_robot_is_the_first_explanation(kind):
     found, first = identify_mistake(seed, kind)
     assert not found.model_fits
     assert first
+
+
+def test_viscosity_is_not_called_inertia_where_dampers_imitate_it():
+    """Only one of two contacts moves at a time, so that a damper between them resists as viscosity does."""
+    document = {
+        "name": "two",
+        "start": "relaxed",
+        "body": {"contacts": [0.0, 0.1], "links": {"stiffness": [20.0]}},
+        "friction": {"forward": [0.2, 0.2], "backward": [0.6, 0.6]},
+    }
+    times = np.concatenate((np.arange(0.0, 24.0, 2.0), np.arange(24.0, 36.1, 0.5)))
+    rows = 0.1 * (np.arange(times.size) % 2)[:, None]
+    time, x = step(document, times, rows, 50.0, viscosity=0.3)
+    values = np.array([0.0, 0.1]) + x + 1e-4 * np.random.default_rng(0).normal(size=x.shape)
+    measured = Measurements("camera", time, ("contact_0", "contact_1"), values, ("link_0",), rows, times)
+    found = identify(Scene.model_validate(document), [measured], ["friction.forward"], seconds=2.0)
+    assert not found.model_fits
+    assert found.explanations[0].what.startswith("viscosity: ")
+    assert found.explanations[0].explained > 0.9
