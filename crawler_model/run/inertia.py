@@ -96,8 +96,12 @@ class Inertia:
             low, high = (100.0 * value for value in self.deviation)
             text = f"{text}: masses change the gain by about {low:.2g} % (well damped) to {high:.2g} % (undamped), "
             text = f"{text}rarely by more than {100.0 * self.bound:.2g} %"
-        slow = self.period_for_1_percent
-        return text if slow is None else f"{text}; less than 1 % from a period of {slow:.3g} s on"
+        return f"{text}; less than 1 % where the drive takes at least {_slowing(self.number):.3g} times as long"
+
+
+def _slowing(number: float) -> float:
+    """Compute how many times as long a drive has to take for the deviation to stay below 1 % [1]."""
+    return UNDAMPED * number / _WISH
 
 
 def _find_largest(jump: np.ndarray, friction: np.ndarray, root: np.ndarray) -> tuple[float, int, int]:
@@ -203,7 +207,7 @@ class InertiaMeter:
         number, at_ns, contact = self._worst
         drive = self._plan.drive
         period = drive.period or (float(drive.times[-1]) or None)
-        slow = None if period is None else period * UNDAMPED * number / _WISH
+        slow = None if period is None else period * _slowing(number)
         return Inertia(number, at_ns / NS if contact >= 0 else None, contact if contact >= 0 else None, slow)
 
     def _add_pieces(self, rows: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:

@@ -38,6 +38,9 @@ def test_the_number_of_two_contacts_is_proportional_to_the_speed(period, given):
         assert "not to be predicted" in found.describe(two_contacts().body)
     else:
         assert found.deviation == pytest.approx((found.number / 10.0, found.number / 4.0))
+    # the same for a drive without a period, as the commands of a recording
+    slower = f"where the drive takes at least {25.0 * AT_ONE_SECOND / period:.3g} times as long"
+    assert slower in found.describe(two_contacts().body)
 
 
 @pytest.mark.parametrize("rate", [7.0, 100.0, 1000.0])
