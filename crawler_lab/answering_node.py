@@ -101,7 +101,7 @@ class AnsweringNode(QuietNode):
                     self.get_logger().info(text)
                 else:
                     self.report_following()
-            if silence.has_lasted(self._last_ns >= 0, self._publisher.get_subscription_count()):
+            if silence.has_lasted(self._last_ns < 0 and self._publisher.get_subscription_count() > 0):
                 self._publisher.publish(NO_CHANGE)
         self.leave()
         if self.problem:

@@ -259,7 +259,7 @@ class GaitPlayer(QuietNode):
 
     def wake(self) -> None:
         """Ask a simulator that is silent in the middle of a run in lock-step for one tick that changes nothing."""
-        if self._silence.has_lasted(self.now_ns >= 0, self._publisher.get_subscription_count()):
+        if self._silence.has_lasted(self.now_ns < 0 and self._publisher.get_subscription_count() > 0):
             self._publisher.publish(NO_CHANGE)
 
     def _report_progress(self) -> None:

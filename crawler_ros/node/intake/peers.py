@@ -226,18 +226,17 @@ class Silence:
         """Begin now."""
         self._since = time.monotonic()
 
-    def has_lasted(self, is_met: bool, listeners: int) -> bool:
+    def has_lasted(self, is_silent: bool) -> bool:
         """Determine whether to ask for a tick that changes nothing; to be called several times a second.
 
         Args:
-            is_met: whether a state has arrived.
-            listeners: number of subscriptions of the commands.
+            is_silent: whether no state has arrived although somebody listens to commands.
 
         Returns:
             Whether the silence has lasted for ten seconds, or as long again since it had.
         """
         now = time.monotonic()
-        if is_met or not listeners:
+        if not is_silent:
             self._since = now
         lasted = now - self._since > _ASK_AFTER_S
         if lasted:
