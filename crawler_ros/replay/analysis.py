@@ -288,7 +288,7 @@ def _follow(
     if ledger is None or ledger.stamp_ns.size == 0:
         why = "applied_commands, the ledger of the ticks, was not recorded"
         if parameters.get("lock_step") is True:  # a simulator records its ledger always
-            why = "no tick was run, as no command arrived: in lock-step each command triggers its ticks"
+            why = "no tick was run, as no command was accepted: in lock-step each command triggers its ticks"
         return None, f"not simulated again: {why}", None, None
     recorded = parameters.get("method")
     start = Crawler(scene, None if recorded == "auto" else recorded)

@@ -687,11 +687,11 @@ def test_rests_and_refusals_are_tables(tmp_path):
     assert (row["since"], row["commanded"]) == (1.0, True)
 
 
-def test_a_recording_in_lock_step_without_commands_tells_that_none_arrived(tmp_path):
+def test_a_recording_in_lock_step_without_ticks_tells_that_no_command_was_accepted(tmp_path):
     scene = load_scene("three_contacts_one_way")
     start = [message for message in messages(scene, []) if message[0] in ("joint_states", "contact_states", "pose")]
     about = attachments(scene)
     about["parameters"] = about["parameters"] | {"lock_step": True}
     done = crawler("replay", write(tmp_path / "a", start, about))
-    assert "no tick was run, as no command arrived" in done.stdout
+    assert "no tick was run, as no command was accepted" in done.stdout
     assert "was not recorded" not in done.stdout.replace("/diagnostics was not recorded", "")
