@@ -14,9 +14,8 @@ from .advance import place_of
 from .clusters import enter_cluster, find_cluster, find_span, wake_all
 from .ground.bounds import enter_ground
 from .ground.couplings import couplings_of, follow_couplings, is_coupled, place_couplings
-from .ground.gradual import is_gradual
+from .ground.gradual import is_given, is_gradual
 from .ground.steps import enter_end
-from .ground.walls import is_given
 from .pivot import ROUNDING
 from .records import BACKWARD, FORWARD
 from .springs.bends import is_flat

@@ -14,7 +14,6 @@ from __future__ import annotations
 from ....compiled import inlined, lean
 from ..path import limit_of
 from ..records import CATCH, FORWARD
-from .walls import is_given
 
 NEUTRAL = 1e-9
 """Part of a stiffness below which the sum of that of the springs and of that of the ground is none: force and bound
@@ -48,6 +47,19 @@ def profile_of(ground):
         The profile; None without one.
     """
     return None if ground is None else ground.profile
+
+
+@inlined
+def is_given(part):
+    """Determine whether there is a part of a body or its ground, as an argument of which numba knows that it is None.
+
+    Args:
+        part: a field of a `Model` or a `Terrain`.
+
+    Returns:
+        Whether there is.
+    """
+    return part is not None
 
 
 @inlined

@@ -12,8 +12,7 @@ from .chords import is_long
 from .couplings import is_coupled
 from .driving import STIFF
 from .falls import let_tip
-from .gradual import NEUTRAL
-from .walls import is_given
+from .gradual import NEUTRAL, is_given
 
 
 @lean

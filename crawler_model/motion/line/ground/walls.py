@@ -41,19 +41,6 @@ def has_walls(ground):
 
 
 @inlined
-def is_given(part):
-    """Determine whether the ground has one of its parts, as an argument of which numba knows that it is None.
-
-    Args:
-        part: a field of `Terrain`.
-
-    Returns:
-        Whether it has.
-    """
-    return part is not None
-
-
-@inlined
 def room_of(c, foot, walls, side, i, s):
     """Compute the distance of a contact from its wall at s.
 
