@@ -189,8 +189,7 @@ def build_falls(body: Body, track: Track) -> tuple[np.ndarray, ...]:
     Returns:
         The fields `drawn`, `nodes` and `walls` of a `Terrain`.
     """
-    nowhere = np.broadcast_to([[np.inf], [-np.inf]], (2, body.contacts))
-    walls = frozen(nowhere if track.walls is None else track.walls.place)  # both kinds read-only: one kernel
+    walls = frozen(np.empty((2, 0)) if track.walls is None else track.walls.place)
     return zeros(body.contacts, DRAWN), np.zeros(body.contacts + 1, np.int32), walls
 
 

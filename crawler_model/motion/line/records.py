@@ -432,7 +432,8 @@ class Terrain(NamedTuple):
     nodes: np.ndarray
     """Nodes of the tournament that are still to be descended to, memory, shape (N + 1,)."""
     walls: np.ndarray
-    """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]."""
+    """Places of the nearest wall ahead and behind of each contact, infinite without one, shape (2, N) [m]; (2, 0) if
+    there are no walls at all."""
     borders: np.ndarray
     grip: np.ndarray
     pressed: np.ndarray

@@ -34,10 +34,7 @@ def has_walls(ground):
     """
     if ground is None:
         return False
-    found = False
-    for i in range(ground.walls.shape[1]):
-        found |= np.isfinite(ground.walls[0, i]) or np.isfinite(ground.walls[1, i])
-    return found
+    return ground.walls.shape[1] > 0
 
 
 @inlined
@@ -45,12 +42,14 @@ def room_of(c, foot, walls, side, i, s):
     """Compute the distance of a contact from its wall at s.
 
     Args:
-        walls: places of the wall ahead and of the wall behind each contact, as in `Terrain`, shape (2, N) [m].
+        walls: places of the wall ahead and of the wall behind each contact [m], as in `Terrain`.
         side: FORWARD for the wall ahead, BACKWARD for the wall behind.
 
     Returns:
         The distance, < 0 beyond the wall, infinite without one [m].
     """
+    if walls.shape[1] == 0:
+        return np.inf
     x = c.x + c.v * (s - c.since)
     if side == FORWARD:
         return (walls[0, i] - foot.home - x) - c.residue
