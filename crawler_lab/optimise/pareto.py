@@ -53,7 +53,8 @@ class Front:
         names: names of the unknowns, shape (P,).
         evaluations: how many candidates were run.
         seed: of the random numbers.
-        complete: False after Ctrl-C or a time limit, when the result depends on the machine.
+        complete: whether every search ended by itself; False where Ctrl-C or the time limit ended one, when the result
+            depends on the machine.
         wall_s: wall-clock time [s].
         interrupted: whether Ctrl-C ended the search.
         untried: kinds of gaits that not every search tried to their end, because it was stopped.
@@ -171,7 +172,7 @@ def pareto(
                 found.append(one.point)
     points = _undominated([_compromise(space, point) for point in found])
     interrupted = any(run.interrupted for run in runs)
-    complete = seconds is None and not interrupted
+    complete = all(run.complete for run in runs) and not (interrupted or limit.over())
     evaluations = sum(run.evaluations for run in runs)
     stopped = [run.untried for run in runs if not run.complete]
     untried = tuple(kind.value for kind in Kind if any(kind in kinds for kinds in stopped))

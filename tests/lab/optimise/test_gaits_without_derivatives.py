@@ -153,7 +153,6 @@ def test_the_cost_of_transport_is_that_of_the_run():
 def test_compromises_exist_on_patches_too():
     front = pareto("friction_step", free={"drive.actuation[1][0]": (0.01, 0.1)}, periods=2, seconds=2.0)
     assert front.points[0].gain == pytest.approx(0.0825)
-    assert not front.complete  # its time was limited
 
 
 @pytest.mark.parametrize(
