@@ -13,8 +13,9 @@ _QUIET_S = 1.0
 _MOST_CHARACTERS = 300
 _MOST_REASONS = 32
 _MOST_KINDS = 64
-_PARTICULAR = re.compile(r"'[^']*'|\"[^\"]*\"|\w*[-+.\d]*\d[\w.+-]*|\b(nan|inf)\b")
-"""Numbers, names with numbers and quotations in a reason."""
+_PARTICULAR = re.compile(r"'[^']*'|\"[^\"]*\"|(?<![\w.+-])(?=[\w.+-]*\d)[\w.+-]+|\b(nan|inf)\b")
+"""Numbers, names with numbers and quotations in a reason. Reasons quote what others send: no character is looked at
+more than a few times, however long a word is."""
 
 
 class Throttle:
