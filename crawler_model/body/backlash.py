@@ -77,25 +77,23 @@ class Backlash:
             The ends of all parts with the lengths L, shape (W, F); the ramp of each part, and the place on it at which
             the part ends, 0 .. 1, each of shape (W,).
         """
-        at, rows, ramps, places = self.springs, [], [], []
-        for ramp, target in enumerate(targets):
-            for end in (*self._find_beginnings(lengths, before[at], target[at]), 1.0):
-                row = target.copy() if end == 1.0 else before + end * (target - before)
-                row[at] = lengths = self.lead(lengths, row[at])
-                rows.append(row)
-                ramps.append(ramp)
-                places.append(end)
-            before = target
-        return np.reshape(rows, (-1, before.size)), np.array(ramps, np.int64), np.array(places, np.float64)
-
-    def _find_beginnings(self, lengths: np.ndarray, commanded: np.ndarray, target: np.ndarray) -> Sequence[float]:
-        """Find the places on a ramp at which actuators begin to move, in order."""
-        change = target - commanded
-        moves = np.abs(target - lengths) > self.reach
-        slack = lengths + np.sign(change) * self.reach - commanded
-        places = np.sort(slack[moves & (change != 0.0)] / change[moves & (change != 0.0)])
-        places = places[(places > _NEAR) & (places < 1.0 - _NEAR)]
-        return places[np.diff(places, prepend=0.0) > _NEAR].tolist()  # type: ignore[no-any-return]
+        at = self.springs
+        begins = np.vstack((before, targets[:-1]))
+        change = targets - begins
+        held = np.vstack((lengths, self.lead_along(lengths, targets[:-1])[:, at]))
+        turn = change[:, at]
+        moves = (np.abs(targets[:, at] - held) > self.reach) & (turn != 0.0)
+        slack = held + np.sign(turn) * self.reach - begins[:, at]
+        places = np.divide(slack, turn, out=np.ones(turn.shape), where=moves)
+        places[places <= _NEAR], places[places >= 1.0 - _NEAR] = 0.0, 1.0
+        ends = np.ones((turn.shape[0], at.size + 2))
+        ends[:, 0], ends[:, 1:-1] = 0.0, np.sort(places, axis=1)
+        ramp, part = np.nonzero(ends[:, 1:] - ends[:, :-1] > _NEAR)
+        place = ends[ramp, part + 1]
+        rows = begins[ramp] + place[:, None] * change[ramp]
+        rows[place == 1.0] = targets
+        rows[:, at] = self.lead(held[ramp], rows[:, at])
+        return rows, ramp, place
 
 
 def build_backlash(bends: Sequence[Bend]) -> Backlash | None:
