@@ -212,7 +212,8 @@ def test_a_wrong_model_ends_with_status_1_and_says_where(robot, tmp_path, capsys
     guess, header, rows = robot
     rows[150:, 1:4] += 0.01
     csv = write_csv(tmp_path / "run.csv", header, rows)
-    status, _, error = run(capsys, "identify", csv, "--scene", guess, "--fit", "friction.forward")
+    words = ("--scene", guess, "--fit", "friction.forward", "--seconds", "0")
+    status, _, error = run(capsys, "identify", csv, *words)
     assert status == 1
     assert "the model does not fit: run.csv: contact_" in error
 
@@ -280,7 +281,7 @@ def test_a_model_that_does_not_fit_identifies_nothing_and_predictions_tell(robot
     guess, header, rows = robot
     rows[150:, 1:4] += 0.01
     csv = write_csv(tmp_path / "run.csv", header, rows)
-    options = ("--scene", guess, "--fit", "friction.forward")
+    options = ("--scene", guess, "--fit", "friction.forward", "--seconds", "0")
     status, text, _ = run(capsys, "identify", csv, *options, "--json")
     found = json.loads(text)
     assert (status, found["model_fits"]) == (1, False)

@@ -84,6 +84,7 @@ def test_a_light_body_that_is_stepped_follows_the_exact_path():
     assert np.abs(stepped.values - exact.values).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_explanations_do_not_depend_on_how_fast_the_machine_is(monkeypatch):
     kind = "two columns exchanged"
     usual, first = identify_mistake(1, kind)
