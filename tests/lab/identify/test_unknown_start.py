@@ -10,9 +10,13 @@ import pytest
 
 from crawler_lab import Measurements, Sensor, identify, predict
 from crawler_lab.identify.fit.balance import Balance, see
+from crawler_lab.identify.fit.fit import fit_from
+from crawler_lab.identify.fit.problem import Problem
 from crawler_lab.identify.fit.space import build_space
+from crawler_lab.identify.judge.bounds import release
 from crawler_lab.identify.measurements import check_measurements
 from crawler_lab.identify.replica.replica import Replica
+from crawler_lab.identify.replica.start import begin_recordings
 from crawler_lab.identify.sensor.sensor import PERFECT
 from crawler_lab.sweep.keys import expand_keys
 from crawler_model import Scene, simulate
@@ -182,3 +186,51 @@ def per_period(run, period: float) -> np.ndarray:
     """Mean displacement at the end of each period."""
     ends = np.searchsorted(run.time, np.arange(1.0, run.time[-1] / period + 0.5) * period - 1e-9)
     return run.displacement[ends].mean(axis=1)
+
+
+def test_a_friction_is_released_that_only_noise_passes() -> None:
+    """At its best place in a long record, noise of 0.2 mm looks like a slide of 0.2 mm."""
+    rng = np.random.default_rng(3)
+    stiffness, forward = rng.uniform(12.0, 30.0, 2), rng.uniform(0.1, 0.35, 3)
+    backward = forward * rng.uniform(1.2, 3.0, 3)
+    rng.random()
+    stroke = rng.uniform(0.04, 0.09)
+    posture, times = rng.uniform(-stroke, stroke, (5, 2)), 0.4 * np.arange(53)
+    rows = np.array([posture[k % 5] * (1.0 if (k // 5) % 2 else 0.6) for k in range(times.size)])
+    begin = 4.8 + round(rng.uniform(0.0, 0.39), 2)
+    friction = {"forward": forward.tolist(), "backward": backward.tolist()}
+    body = {"contacts": [0.0, 0.1, 0.2], "links": {"stiffness": stiffness.tolist()}}
+    drive = {"times": times.tolist(), "actuation": rows.tolist()}
+    robot = {"name": "walked", "body": body, "friction": friction}
+    run = simulate(Scene.model_validate(robot | {"start": "relaxed", "drive": drive}), float(times[-1]), 100.0)
+    shown = run.time >= begin - 1e-9
+    time, x = run.time[shown][::2], run.displacement[shown][::2]
+    values = np.array(body["contacts"]) + x + 2e-4 * rng.normal(size=x.shape)
+    sent = np.append(begin, times[times > begin + 1e-9])
+    commands = np.stack([np.interp(sent, times, column) for column in rows.T], axis=1)
+    measured = Measurements(
+        "late", time, ("contact_0", "contact_1", "contact_2"), values, ("link_0", "link_1"), commands, sent
+    )
+    scene = Scene.model_validate(robot)
+    checked = check_measurements(scene, measured)
+    keys = expand_keys(scene, ["friction.forward", "friction.backward"], "identify")
+    begun, unknown = begin_recordings(scene, keys, [checked])
+    replica = Replica(begun, checked, keys, "identify", unknown)
+    fitted = np.arange(time.size) < 0.8 * time.size
+    problem = Problem([replica], [fitted], build_space(keys, replica.start_values, None), "each", Sensor())
+    start = problem.unknowns(np.array([0.30982804, 0.24445083, 0.11447617, 0.45019672, 0.37430033, 0.1925688]))
+    start[6:] = -0.00027512, 0.000733, 0.0003325, -0.00701479
+    held = np.zeros(problem.count, np.bool_)
+    fit = fit_from(problem, start, held, tight=True)
+    assert fit is not None
+    problem.estimate_noise(fit.residuals)
+    fit = fit_from(problem, fit.unknowns, held, tight=True)
+    assert fit is not None
+    slid = replica.motion_at(problem.space.to_values(fit.unknowns[:6]), problem.start(fit.unknowns, 0))
+    assert np.diff(x[:, 1]).min() > -1e-9
+    assert slid is not None
+    assert np.diff(slid[1][:, 1]).clip(max=0.0).sum() < -1e-4
+    released = release(problem, fit)
+    assert not released.residuals.jacobian[:, 4].any()
+    assert fit.cost < released.cost < fit.cost + 12.0
+    assert all(released.residuals.jacobian[:, p].any() for p in (0, 1, 2, 5))
