@@ -14,6 +14,7 @@ import numpy as np
 
 from crawler_model.body.backlash import Backlash
 
+from ..measurements import interpolate_rows
 from ..replica.stepped import Dynamics
 from .seen import Seen
 
@@ -27,8 +28,8 @@ _EARLIER = (-0.03, -0.01, 0.01, 0.03, 0.05, 0.07, 0.09)
 """By which parts of a recording a link may have stuck before the model ceases to fit."""
 _BORDER = 0.005
 """Width of the borders of a stain, as a part of the way."""
-_LIGHT, _DAMPED = 2e-3, 0.02
-"""Mass [kg] and dampers [N s/m] of a body whose inertia hardly matters."""
+_FINER = 4
+"""Parts of each piece of the finer commands where actuators follow late, along curves."""
 _LENS = 0.05
 """Largest bend of a lens, as a part of half a picture."""
 
@@ -38,12 +39,14 @@ class Changed(NamedTuple):
 
     Attributes:
         commands: shape (K, C) [m, N].
+        command_time: their times where these differ, shape (K,) [s].
         friction: factors of the friction of each contact, shape (K, N) [1].
         values: what was measured, shape (T, M) [m].
         dynamics: what the model lacks.
     """
 
     commands: np.ndarray | None = None
+    command_time: np.ndarray | None = None
     friction: np.ndarray | None = None
     values: np.ndarray | None = None
     dynamics: Dynamics | None = None
@@ -60,6 +63,7 @@ class Fault(NamedTuple):
         high: largest numbers.
         moves: whether it depends on the motion, which may be that of the model.
         balanced: whether the balance of forces gives starts for its guesses.
+        imitates: whether it is tried also where the one before it explains all, as both may.
     """
 
     what: Callable[..., str]
@@ -69,6 +73,7 @@ class Fault(NamedTuple):
     high: Sequence[float]
     moves: bool = False
     balanced: bool = False
+    imitates: bool = False
 
 
 def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Iterator[Fault]:
@@ -121,13 +126,21 @@ def list_faults(seen: Sequence[Seen], onset: float | None, cheap: bool) -> Itera
         (-0.95,),
         (5.0,),
     )
+    yield Fault(
+        lambda late: f"actuators reach what is commanded with a time constant of {1e3 * late:.3g} ms",
+        _follow_late,
+        [(0.01,), (0.05,)],
+        (0.0,),
+        (1.0,),
+    )
     if cheap:
         yield Fault(
             "viscosity: {:.3g} N s/m at each contact".format,
-            lambda s, viscosity: Changed(dynamics=Dynamics(_LIGHT, _DAMPED, viscosity)),
-            [(0.1,), (1.0,)],
-            (0.0,),
+            lambda s, viscosity: Changed(dynamics=Dynamics(0.0, 0.0, viscosity)),
+            [(0.1,), (0.3,), (1.0,)],
+            (1e-3,),
             (100.0,),
+            imitates=True,
         )
         yield Fault(  # with dampers, which imitate viscosity
             lambda mass, _: f"inertia: a mass of {1e3 * mass:.3g} g at each contact",
@@ -207,6 +220,21 @@ def _lengthen(seen: Seen, more: np.ndarray) -> np.ndarray:
     commands = seen.measured.commands.copy()
     commands[:, seen.links] += more
     return commands
+
+
+def _follow_late(seen: Seen, late: float) -> Changed:
+    """Let each link approach its command at a rate of its distance from it, exactly for straight commands."""
+    at, parts = seen.measured.command_time, np.arange(_FINER) / _FINER
+    time = np.append((at[:-1, None] + np.diff(at)[:, None] * parts).ravel(), at[-1])
+    commands = interpolate_rows(time, at, seen.measured.commands)
+    own = commands[:, seen.links]
+    step = np.diff(time)
+    behind, left = np.zeros(own.shape), np.exp(-step / max(late, 1e-9))
+    lost = (1.0 - left)[:, None] * late * np.diff(own, axis=0) / step[:, None]
+    for k in range(step.size):
+        behind[k + 1] = left[k] * behind[k] + lost[k]
+    commands[:, seen.links] = own - behind
+    return Changed(commands, time)
 
 
 def _loosen(seen: Seen, width: float) -> Changed:

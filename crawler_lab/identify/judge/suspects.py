@@ -53,7 +53,9 @@ _PROMISING = 0.9
 _JUMP = 1e-6
 _LENSES = (0.01, 0.02, 0.04, -0.01, -0.02, -0.04)
 """Bends of a lens that are tried, as parts of half a picture."""
-_FAULTS = "backlash, hardening, hysteresis, wear, masses, viscosity, friction at rest, stains and what sticks"
+_FAULTS = (
+    "backlash, hardening, hysteresis, wear, late actuators, viscosity, masses, friction at rest, stains and what sticks"
+)
 
 _Change = Callable[[Scene, Measurements, float], tuple[Scene, Measurements]]
 

@@ -229,7 +229,8 @@ class FaultProblem(Problem):
         for replica, seen in zip(self._bare, self._seen, strict=True):
             changed, measured = self._fault.change(seen, *self.numbers(unknowns)), seen.measured
             if changed.commands is not None:
-                measured = dataclasses.replace(measured, commands=changed.commands)
+                at = measured.command_time if changed.command_time is None else changed.command_time
+                measured = dataclasses.replace(measured, commands=changed.commands, command_time=at)
             if changed.values is not None:
                 measured = dataclasses.replace(measured, values=changed.values)
             factors = None if changed.friction is None else replica.spread_friction(changed.friction)
@@ -270,7 +271,7 @@ def try_faults(
     found: list[Tried] = []
     size = base.residuals.fitted.size
     for fault, begins in _list_all(trial, seen, onset, cheap, starts):
-        if any(map(explains, found)):
+        if any(map(explains, found)) and not fault.imitates:
             break
         if trial.work.done > until:
             return found, False

@@ -4,7 +4,8 @@ The theta method of Moreau and Jean with theta = 1/2: in each step, the velociti
 
     m (v - v0) = h (F - K (x + h (v0 + v) / 4) - C (v0 + v) / 2 - s),
 
-where the friction s is at its bound against v, or within its bounds where v = 0.
+where the friction s is at its bound against v, or within its bounds where v = 0. Without masses v0 is 0, and v / 2 the
+mean velocity of the step: the midpoint rule.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Dynamics(NamedTuple):
     """What the model lacks.
 
     Attributes:
-        mass: of each contact [kg].
+        mass: of each contact [kg]; if it is 0, there must be drag or viscosity.
         drag: of dampers along each link [N s/m].
         viscosity: of each contact [N s/m].
     """
@@ -144,9 +145,9 @@ def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds):  # ty
 
     Args:
         path: displacements, of which the first is given, shape (K, N) [m].
-        v: speeds at the start, then at the end, shape (N,) [m/s].
+        v: speeds at the start, then at the end, shape (N,) [m/s]; without a mass twice the mean ones of the last step.
         right: room, shape (N,).
-        mass: of each contact [kg].
+        mass: of each contact, 0 for none [kg].
         spring: stiffness matrix, shape (N, N) [N/m].
         viscous: damping matrix, shape (N, N) [N s/m].
         force: of the commands on the contacts, shape (K, N) [N].
@@ -154,6 +155,8 @@ def follow_dynamics(path, v, right, mass, spring, viscous, force, bounds):  # ty
     """
     n, h = v.size, _STEP
     for k in range(path.shape[0] - 1):
+        if mass == 0.0:
+            v[:] = 0.0
         for i in range(n):
             total = 0.5 * (force[k, i] + force[k + 1, i])
             for j in range(n):

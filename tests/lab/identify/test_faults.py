@@ -13,10 +13,10 @@ from crawler_lab.identify.fit.fit import Fit, fit_from
 from crawler_lab.identify.fit.problem import Problem
 from crawler_lab.identify.fit.space import build_space
 from crawler_lab.identify.judge.faults import list_faults
-from crawler_lab.identify.judge.seen import see_motion
+from crawler_lab.identify.judge.seen import Seen, see_motion
 from crawler_lab.identify.judge.trials import FaultProblem
 from crawler_lab.identify.replica.replica import Replica
-from crawler_lab.identify.replica.stepped import Dynamics, SteppedReplica
+from crawler_lab.identify.replica.stepped import Dynamics, SteppedReplica, follow_dynamics
 from crawler_lab.sweep.keys import expand_keys
 from crawler_model import Scene
 
@@ -93,6 +93,28 @@ def test_explanations_do_not_depend_on_how_fast_the_machine_is(monkeypatch):
     for name in ("monotonic", "perf_counter", "process_time", "thread_time"):
         monkeypatch.setattr(time, name, lambda: 1e3 * next(ticks))
     assert identify_mistake(1, kind)[0].summary() == usual.summary()
+
+
+def test_viscosity_without_mass_and_actuators_that_follow_late_have_their_closed_forms():
+    """Two contacts, of which the rear one holds: the front one follows a ramp behind its friction."""
+    stiffness, friction, speed, late = 20.0, 0.2, 0.1, 0.05
+    time = np.arange(0.0, 1.0001, 2e-3)
+    path, bounds = np.zeros((time.size, 2)), np.tile([friction, friction, 9.0, 9.0], (time.size, 1))
+    bounds[:, 0] = 9.0
+    spring = stiffness * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    force = stiffness * speed * time[:, None] * np.array([-1.0, 1.0])
+    follow_dynamics(path, *np.zeros((2, 2)), 0.0, spring, stiffness * late * np.eye(2), force, bounds)
+    after = np.maximum(time - friction / stiffness / speed, 0.0)
+    assert path[:, 0] == pytest.approx(0.0)
+    assert path[:, 1] == pytest.approx(speed * (after - late * (1.0 - np.exp(-after / late))), abs=1e-6)
+
+    ends = time[[0, -1]]
+    measured = Measurements("ramp", ends, (), np.zeros((2, 0)), ("link_0",), speed * ends[:, None], ends)
+    seen = Seen(measured, np.zeros(2), *np.zeros((2, 2, 2)), np.zeros((2, 1)), np.zeros(1, int))
+    fault = next(one for one in list_faults([seen], None, False) if "time constant" in one.what(*one.guesses[0]))
+    changed = fault.change(seen, late)
+    at = changed.command_time
+    assert changed.commands[:, 0] == pytest.approx(speed * (at - late * (1.0 - np.exp(-at / late))), abs=1e-12)
 
 
 @pytest.mark.slow
