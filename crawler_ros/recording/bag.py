@@ -19,7 +19,7 @@ from mcap.records import Attachment, Channel, Schema
 
 from crawler_model import Scene, SceneError
 
-from .bag_files import Held, compare_with_promises, expanded, list_files, read_promises
+from .bag_files import Held, compare_with_promises, expand, list_files, read_promises
 from .bag_files import find_file as find_file
 from .bag_files import find_files as find_files
 from .bag_folder import list_bags
@@ -137,7 +137,8 @@ def _survey_files(
     held, missing = list[Held](), list[str]()
     for part, file in enumerate(files):
         contents, numbers = Contents(), np.full(1 << 16, -1)
-        begin, plain, found = len(pieces), expanded(file), 0
+        begin, found = len(pieces), 0
+        plain, contents.copy = expand(file)
         for block in read_file(plain, contents):
             bag._number(contents, part, numbers)
             block = _described(block, path, numbers)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +17,8 @@ from .mcap_reader import BagError, largest_expansion
 
 _LARGEST_METADATA = 1 << 24
 _COPIED = 1 << 20
+_OPEN_FILES = Path("/proc/self/fd")
+"""Folder of Linux with a name for each file that the process has open."""
 _MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
 
 
@@ -121,42 +122,42 @@ def _in_order(folder: Path, files: Sequence[Path], promised: Sequence[str]) -> l
     return [file for _, file in sorted(parts, key=lambda part: int(part[0][2]))]
 
 
-def expanded(file: Path) -> Path:
-    """Return a file as an .mcap file: itself, or a temporary copy of it without its compression.
+def expand(file: Path) -> tuple[Path, IO[bytes] | None]:
+    """Provide a file as an .mcap file: itself, or a temporary copy of it without its compression.
 
     Args:
-        file: an .mcap file, or one that was compressed by zstd as a whole.
+        file: an .mcap file, or one that was compressed by zstd as a whole; if damaged, the copy ends at the damage.
 
     Returns:
-        A file that exists as long as the process.
+        The path, and the handle of the copy, with which it is deleted; None for the file itself.
 
     Raises:
         BagError: when it expands to more than any recording does.
     """
     with file.open("rb") as stream:
         if stream.read(len(_ZSTD)) != _ZSTD:
-            return file
-    about = file.stat()
-    return Path(_expand(file, about.st_size, about.st_mtime_ns).name)
+            return file, None
+        stream.seek(0)
+        copy = _decompress(file, stream)
+    return Path(_OPEN_FILES, str(copy.fileno())) if _OPEN_FILES.exists() else Path(copy.name), copy
 
 
-@functools.lru_cache(maxsize=16)
-def _expand(file: Path, size: int, _modified_ns: int) -> IO[bytes]:
-    """Decompress a file to a temporary one that is deleted with its handle; a damaged file up to the damage."""
+def _decompress(file: Path, stream: IO[bytes]) -> IO[bytes]:
+    """Decompress a file to a temporary one, which has no name where open files have one: killed, nothing is left."""
     import zstandard
 
-    copy = tempfile.NamedTemporaryFile(prefix="crawler_", suffix=".mcap")  # noqa: SIM115
+    copy = (tempfile.TemporaryFile if _OPEN_FILES.exists() else tempfile.NamedTemporaryFile)(prefix="crawler_")
+    size = file.stat().st_size
     left = most = largest_expansion(size)
-    with file.open("rb") as stream:
-        reader = zstandard.ZstdDecompressor().stream_reader(stream, read_across_frames=True)
-        while piece := _read(reader):
-            left -= len(piece)
-            if left < 0:
-                raise BagError(
-                    f"{file}: its {size} bytes expand to more than {most}; no recording does: the file is damaged or "
-                    "made to fill the disk"
-                )
-            copy.write(piece)
+    reader = zstandard.ZstdDecompressor().stream_reader(stream, read_across_frames=True)
+    while piece := _read(reader):
+        left -= len(piece)
+        if left < 0:
+            raise BagError(
+                f"{file}: its {size} bytes expand to more than {most}; no recording does: the file is damaged or "
+                "made to fill the disk"
+            )
+        copy.write(piece)
     copy.flush()
     return copy
 

@@ -6,6 +6,7 @@ import json
 import shlex
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -243,6 +244,17 @@ def test_a_compressed_file_is_read_up_to_its_damage(tmp_path, recorded):
     (folder / "metadata.yaml").unlink()
     assert not survey_recording(folder).complete
     assert 0 < bag.recover(folder, tmp_path / "out") < len(recorded.records)
+
+
+def test_of_many_compressed_files_all_are_read_and_no_copy_is_left(tmp_path, monkeypatch, recorded):
+    """A copy without a name is gone with the process, however that ends."""
+    copies = tmp_path / "copies"
+    copies.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(copies))
+    folder = write_variant(recorded, tmp_path / "b", Variant(parts=20, compressed="file"))
+    assert bag.recover(folder, tmp_path / "out") == len(recorded.records)
+    assert survey_recording(folder).complete
+    assert not list(copies.iterdir())
 
 
 def test_damaged_compressed_messages_are_lost_and_counted(tmp_path, recorded):
