@@ -115,6 +115,7 @@ def run(name: str, module: str) -> int:
         main = importlib.import_module(module).main
         if not ignored:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as schedulers of jobs end them: nothing is lost
         _end_where_interrupts_are_lost(name)
         return main() or 0
     except ModuleNotFoundError as error:
@@ -129,8 +130,10 @@ def run(name: str, module: str) -> int:
         if name != "crawler":  # a signal that is repeated would end a node while its interpreter exits
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        elif not ignored:  # while the interpreter exits, Ctrl-C ends it silently
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        else:  # while the interpreter exits, a signal ends it silently
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            if not ignored:
+                signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _end_where_interrupts_are_lost(name: str) -> None:

@@ -445,10 +445,17 @@ def test_a_film_that_cannot_be_made_is_refused_in_one_line(arguments, said, tmp_
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interrupt_leaves_nothing_behind(tmp_path):
-    command = [sys.executable, "-c", "from crawler_command.app import main; main()"]
+def test_a_job_that_a_scheduler_ends_leaves_nothing_behind(tmp_path):
     film = subprocess.Popen(
-        [*command, "animate", "two_anchor_a", "--out", str(tmp_path / "x.gif"), "--duration", "60"],
+        [
+            Path(sys.executable).with_name("crawler"),
+            "animate",
+            "two_anchor_a",
+            "--out",
+            str(tmp_path / "x.gif"),
+            "--duration",
+            "60",
+        ],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     )
@@ -457,7 +464,7 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path):
         assert film.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    film.send_signal(signal.SIGINT)
+    film.send_signal(signal.SIGTERM)
     _, said = film.communicate(timeout=60)
     assert film.returncode == 130, said.decode()
     assert said.decode().splitlines()[-1] == "crawler: stopped"
