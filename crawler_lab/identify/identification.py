@@ -52,7 +52,7 @@ class Identification:
         noises: estimated standard deviation of each channel, for each recording, shape (M,) [m].
         starts: displacement at the start of each recording, shape (N,) [m]; None if the scene or a parameter tells it.
         posterior: the values of the parameters as a distribution, for predictions and gaits.
-        interrupted: whether Ctrl-C ended the search before all starts were tried.
+        interrupted: whether Ctrl-C ended the search of starts, of other minima or of explanations.
     """
 
     scene: Scene

@@ -144,11 +144,12 @@ def _find(
 ) -> tuple[Fit, Structure]:
     """Fit, and find what is determined."""
     searched = find_fit(problem, coarse, starts, seconds, rng, progress)
-    wander = not searched.interrupted
-    fit, structure = _fit_determined(
-        problem, release(problem, explore_minima(problem, searched, rng) if wander else searched)
-    )
-    if wander:
+    try:
+        lowest = searched if searched.interrupted else explore_minima(problem, searched, rng)
+    except KeyboardInterrupt:
+        lowest = searched = dataclasses.replace(searched, interrupted=True)
+    fit, structure = _fit_determined(problem, release(problem, lowest))
+    if not searched.interrupted:
         fit = average_derivatives(problem, fit, np.isin(np.arange(problem.count), list(structure.fixed)), rng)
     return dataclasses.replace(
         fit, interrupted=searched.interrupted, starts=searched.starts, reached=searched.reached
@@ -225,8 +226,11 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     where = find_where(misfits)
     width = np.maximum(below, above)
     explained, tries = where is not None and not fit.interrupted, seconds > 0.0
-    explanations, untried = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else ([], [])
-    unexplained = explained and tries and not _is_explained(explanations)
+    try:
+        explanations, untried = explain_misfit(scene, problem, fit, misfits, width, tries) if explained else ([], [])
+    except KeyboardInterrupt:
+        explanations, untried, fit = [], [], dataclasses.replace(fit, interrupted=True)
+    unexplained = explained and tries and not fit.interrupted and not _is_explained(explanations)
     if where is None and score is not None and score.size > _WORSE:
         where = score.worst
     slope = problem.space.slope(problem.space.to_values(fit.unknowns[:count]))
@@ -324,7 +328,7 @@ def _warn_of_start(scene: Scene, problem: Problem, parameters: Sequence[Paramete
 
 def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Parameter], where: str | None) -> list[str]:
     """Write the warnings."""
-    warnings = ["interrupted: this is the best of the starts that were tried"] if fit.interrupted else []
+    warnings = ["interrupted: this is the best of what was tried"] if fit.interrupted else []
     warnings += [
         f"{p.name} ended at its bound {p.value:.6g}; widen it with bounds if it may lie beyond"
         for p in parameters

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import importlib
 import os
 import signal
 from pathlib import Path
@@ -252,8 +253,30 @@ def test_ctrl_c_keeps_the_best_start() -> None:
     found = identify(Scene.model_validate(document), [one], ["friction.forward"], progress=progress)
     assert found.interrupted
     assert found.summary()["complete"] is False
-    assert "interrupted: this is the best of the starts that were tried" in found.warnings
+    assert "interrupted: this is the best of what was tried" in found.warnings
     assert len(done) < 10
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("identify.identify", "explore_minima"), ("identify.judge.explain", "try_suspects")]
+)
+def test_ctrl_c_after_the_search_keeps_the_fit(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    document = mixed(seed=1)
+    times, rows = walk(2, 4.0, 3)
+    one = measure(document | {"loads": [0.1, 0.0, -0.15]}, times, rows)
+    place = importlib.import_module(f"crawler_lab.{module}")
+    begin = getattr(place, name)
+
+    def interrupt(*given: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return begin(*given)
+
+    monkeypatch.setattr(place, name, interrupt)
+    found = identify(Scene.model_validate(document), [one], ["friction.forward"], starts=1, seconds=1e-9)
+    assert found.interrupted
+    assert not found.model_fits
+    assert not found.explanations
+    assert "interrupted: this is the best of what was tried" in found.warnings
 
 
 def test_the_scene_found_plays_the_recording() -> None:
