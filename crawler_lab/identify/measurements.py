@@ -24,7 +24,10 @@ _UNIX = (1e8, 1e10)
 """Unix time of today is between these [s]."""
 _CLOCKS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _MOST_NAMED = 3
-_MILLIMETRES = "look like millimetres: divide them by 1000, or use --units mm if all lengths of a table are millimetres"
+_MILLIMETRES = (
+    "look like millimetres or pixels: divide millimetres by 1000, or use --units mm if all lengths of a table are "
+    "millimetres; multiply pixels by the length of one in metres"
+)
 _SCENE_IN_MILLIMETRES = "look like millimetres: divide them by 1000, or leave out --units mm if the table is in metres"
 
 

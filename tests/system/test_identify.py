@@ -166,8 +166,8 @@ def no_commands(header, rows):
         (half_a_command, "command/link_1 is missing in row 19 (time 0.34), other commands are not"),
         (no_command_at_all, "no row has a command; fill in command/link_0"),
         (twice, "column contact_0 is given twice"),
-        (millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
-        (command_in_millimetres, "look like millimetres: divide them by 1000, or use --units mm"),
+        (millimetres, "look like millimetres or pixels: divide millimetres by 1000, or use --units mm"),
+        (command_in_millimetres, "look like millimetres or pixels: divide millimetres by 1000, or use --units mm"),
         (other_body, "contact_7 does not belong to measured"),
         (too_few, "5 rows are too few; at least 8 are needed"),
         (backwards, "does not come after"),
@@ -574,7 +574,7 @@ def test_gaps_do_not_hide_millimetres(robot, tmp_path):
     rows[:, 1:4] *= 1000.0
     rows[: len(rows) // 2, 1] = np.nan
     file = write_csv(tmp_path / "run.csv", header, rows)
-    with pytest.raises(MeasurementError, match=r"look like millimetres: .* use --units mm"):
+    with pytest.raises(MeasurementError, match=r"look like millimetres or pixels: .* use --units mm"):
         read(file, guess)
     rows[len(rows) // 2 :, 3] = np.nan  # the ends are never seen together
     read(write_csv(tmp_path / "run.csv", header, rows), guess)

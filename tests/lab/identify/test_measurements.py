@@ -64,7 +64,9 @@ def test_units_are_checked_where_both_ends_are_seen():
     values = wrong.values.copy()
     values[:25, 0], values[20:, 2] = np.nan, np.nan
     for bad in (values, np.where([True, True, False], values, 0.0), np.where([False, False, True], values, 0.1)):
-        with pytest.raises(MeasurementError, match=r"look like millimetres: divide them by 1000, or use --units mm"):
+        with pytest.raises(
+            MeasurementError, match=r"look like millimetres or pixels: divide millimetres by 1000, or use --units mm"
+        ):
             check_measurements(SCENE, dataclasses.replace(wrong, values=bad))
     values[25:, 1] = np.nan
     values[:, 2] = 0.0
