@@ -148,7 +148,7 @@ def _find(
         lowest = searched if searched.interrupted else explore_minima(problem, searched, rng)
     except KeyboardInterrupt:
         lowest = searched = dataclasses.replace(searched, interrupted=True)
-    fit, structure = _fit_determined(problem, release(problem, lowest))
+    fit, structure = _fit_determined(problem, release(problem, coarse, lowest))
     if not searched.interrupted:
         fit = average_derivatives(problem, fit, np.isin(np.arange(problem.count), list(structure.fixed)), rng)
     return dataclasses.replace(

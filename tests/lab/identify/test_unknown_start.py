@@ -230,7 +230,7 @@ def test_a_friction_is_released_that_only_noise_passes() -> None:
     assert np.diff(x[:, 1]).min() > -1e-9
     assert slid is not None
     assert np.diff(slid[1][:, 1]).clip(max=0.0).sum() < -1e-4
-    released = release(problem, fit)
+    released = release(problem, problem, fit)
     assert not released.residuals.jacobian[:, 4].any()
     assert fit.cost < released.cost < fit.cost + 12.0
     assert all(released.residuals.jacobian[:, p].any() for p in (0, 1, 2, 5))
