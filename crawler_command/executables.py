@@ -115,7 +115,7 @@ def run(name: str, module: str) -> int:
         main = importlib.import_module(module).main
         if not ignored:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as schedulers of jobs end them: nothing is lost
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # a scheduler of jobs ends it as Ctrl-C does
         _end_where_interrupts_are_lost(name)
         return main() or 0
     except ModuleNotFoundError as error:
@@ -127,13 +127,10 @@ def run(name: str, module: str) -> int:
         return STOPPED
     finally:
         gc.freeze()  # to look for garbage in all that is loaded once more would take the exit a tenth of a second
-        if name != "crawler":  # a signal that is repeated would end a node while its interpreter exits
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        else:  # while the interpreter exits, a signal ends it silently
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            if not ignored:
-                signal.signal(signal.SIGINT, signal.SIG_DFL)
+        # while the interpreter exits, a signal that is repeated ends the command silently, and no node
+        is_command = name == "crawler"
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if is_command else signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_DFL if is_command and not ignored else signal.SIG_IGN)
 
 
 def _end_where_interrupts_are_lost(name: str) -> None:

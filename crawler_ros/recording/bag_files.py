@@ -138,15 +138,24 @@ def expand(file: Path) -> tuple[Path, IO[bytes] | None]:
         if stream.read(len(_ZSTD)) != _ZSTD:
             return file, None
         stream.seek(0)
-        copy = _decompress(file, stream)
-    return Path(_OPEN_FILES, str(copy.fileno())) if _OPEN_FILES.exists() else Path(copy.name), copy
+        path, copy = _open_copy()
+        _decompress(file, stream, copy)
+    return path, copy
 
 
-def _decompress(file: Path, stream: IO[bytes]) -> IO[bytes]:
-    """Decompress a file to a temporary one, which has no name where open files have one: killed, nothing is left."""
+def _open_copy() -> tuple[Path, IO[bytes]]:
+    """Open a temporary file, where possible one without a name of its own: nothing is left of it after a kill."""
+    if _OPEN_FILES.exists():
+        copy = tempfile.TemporaryFile()  # noqa: SIM115
+        return Path(_OPEN_FILES, str(copy.fileno())), copy
+    named = tempfile.NamedTemporaryFile(prefix="crawler_")  # noqa: SIM115
+    return Path(named.name), named
+
+
+def _decompress(file: Path, stream: IO[bytes], copy: IO[bytes]) -> None:
+    """Decompress a file up to its damage."""
     import zstandard
 
-    copy = (tempfile.TemporaryFile if _OPEN_FILES.exists() else tempfile.NamedTemporaryFile)(prefix="crawler_")
     size = file.stat().st_size
     left = most = largest_expansion(size)
     reader = zstandard.ZstdDecompressor().stream_reader(stream, read_across_frames=True)
@@ -159,7 +168,6 @@ def _decompress(file: Path, stream: IO[bytes]) -> IO[bytes]:
             )
         copy.write(piece)
     copy.flush()
-    return copy
 
 
 def _read(reader: Any) -> bytes:

@@ -96,7 +96,7 @@ class Contents:
     """Whether the file has its end."""
     definitions: int = 0
     """Number of schemas and channels read so far."""
-    copy: Any = None
+    copy: IO[bytes] | None = None
     """Handle of a temporary copy, which exists as long as what refers to this."""
 
     def keep_record(self, record: Any) -> None:
