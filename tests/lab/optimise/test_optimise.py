@@ -355,6 +355,9 @@ def test_a_time_limit_ends_the_search():
     assert found.value >= 0.0
     assert "CMA-ES around the best" in found.summary()["untried"]
     assert f"not tried to the end: {', '.join(found.untried)}" in describe_optimum(found)[-1]
+    front = pareto(chain(2), stroke=(0.0, 0.1), waypoints=2, seconds=0.01)
+    assert not front.complete
+    assert front.untried
 
 
 @pytest.mark.slow
