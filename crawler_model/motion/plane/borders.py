@@ -203,12 +203,12 @@ class Crossing:
         for i in np.flatnonzero(state.behind != state.region).tolist():
             if i in crossed or np.hypot(*(end[i] - start[i])) > allowed:
                 continue
-            room, slip = self._room_behind(state, i)
-            if room < 0.0 and slip @ regions.normal(end[i], int(state.region[i]), int(state.behind[i])) > 0.0:
+            excess = self._excess_behind(state, i)
+            if excess > 0.0:
                 crossed[i] = int(state.behind[i])
-                left, enough = max(self._room_behind(before, i)[0], 0.0), allowed * self.state.frame.grip[i]
-                first = min(first, (left + 0.5 * enough) / (left - room))
-                farthest = max(farthest, -room / self.state.frame.grip[i])
+                lacked = max(-self._excess_behind(before, i), 0.0)
+                first = min(first, (lacked + 0.5 * allowed) / (lacked + excess))
+                farthest = max(farthest, excess)
         return crossed, first, farthest
 
     def _leave_borders(self, before: PlanarState) -> None:
@@ -216,15 +216,23 @@ class Crossing:
         slid = np.hypot(*(self.state.x - before.x).T) > _BEYOND * self.tolerance
         self.state.behind[slid] = self.state.region[slid]
 
-    def _room_behind(self, state: PlanarState, i: int) -> tuple[float, np.ndarray]:
-        """Compute the distance of the force on a point from the bound behind a border [N], and the way of its slip."""
-        factors, frame = self.regions.factors, self.state.frame
+    def _excess_behind(self, state: PlanarState, i: int) -> float:
+        """Compute by how much the force on a point exceeds the friction behind a border, as a length [m].
+
+        Of an excess, the part across the border counts: it is negative where the point would slide along it, or ahead.
+        """
+        frame, regions, region, behind = state.frame, self.regions, int(state.region[i]), int(state.behind[i])
         with_less, slip = state.copy(), np.empty_like(state.x)
-        with_less.held[i] *= factors[state.behind[i]] / factors[state.region[i]]
+        with_less.held[i] *= regions.factors[behind] / regions.factors[region]
         force = state.force
-        room = float(with_less.margins(force)[i]) if with_less.held[i].any() else -np.inf
-        find_slip(frame, with_less.command, state.x, force + state.loads if state.loads.size else force, slip)
-        return room, slip[i]
+        balanced = force + state.loads if state.loads.size else force
+        without = not with_less.held[i].any()
+        excess = np.hypot(*balanced[i]) if without else -with_less.margins(force)[i]
+        if excess > 0.0:
+            find_slip(frame, with_less.command, state.x, balanced, slip)
+            across = slip[i] @ regions.normal(frame.position[i] + state.displacement[i], region, behind)
+            excess *= across / np.hypot(*slip[i])
+        return float(excess / frame.grip[i])
 
     def _save(self) -> tuple[PlanarState, np.ndarray]:
         return self.state.copy(), self.account.copy()

@@ -12,6 +12,8 @@ from rich.console import Console
 
 from crawler_command.check import print_report
 from crawler_model import CommandError, Crawler, Scene, SceneError, limit_cycle, load_scene, simulate
+from crawler_model.motion.plane import motion
+from crawler_model.motion.plane.borders import Crossing
 from crawler_model.scene.parts import RegionPart
 
 from .planar_ramps import polygon
@@ -271,6 +273,21 @@ def test_a_snake_turns_at_the_border_of_ice():
 
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+
+
+def test_where_a_force_turns_towards_the_ice_is_found_in_few_trials(monkeypatch):
+    """Points at the border of ice whose forces exceed its friction already slip when these point across the border."""
+    trials = []
+
+    class Counted(Crossing):
+        def __post_init__(self):
+            super().__post_init__()
+            follow = self.follow
+            self.follow = lambda goal, *all_of_it: trials.append(not all_of_it) or follow(goal, *all_of_it)
+
+    monkeypatch.setattr(motion, "Crossing", Counted)
+    simulate(load_scene("snake_over_two_grounds"), duration=1.0)
+    assert 0 < sum(trials) < 5 * trials.count(False)
 
 
 @pytest.mark.parametrize(
