@@ -61,7 +61,6 @@ _RUNS = {
     "unique": (pa.bool_(), "1"),
     "stability_margin": (pa.float64(), "1"),
     "stability_time": (pa.float64(), "s"),
-    "rests_since": (pa.float64(), "s"),
 }
 _LENGTHS = ("translation", "translation_y", "slip_forward", "slip_backward")
 _ACCOUNT = {
@@ -338,7 +337,6 @@ def _describe_motion(replay: Replay) -> dict[str, Any]:
         "unique": None if margins is None else margins.unique,
         "stability_margin": None if margins is None else margins.stability_margin,
         "stability_time": None if margins is None else margins.stability_time,
-        "rests_since": None if replay.standstill is None else replay.standstill.since,
     }
 
 

@@ -25,8 +25,8 @@ from .midrun import fit_start
 from .observe import observe
 from .ramps import RampTable, Sink
 from .resimulate import Comparison, Resimulation
+from .rests import Rest, find_rests
 from .slips import SlipFinder, Slips
-from .standstill import Rest, Standstill, find_rests, find_standstill
 from .yields import YieldSink
 
 _SURVEYED = 0.2
@@ -58,8 +58,7 @@ class Replay:
         slips: slips of the stations.
         energy: energy account of the whole run; None when the scene is not known.
         margins: margins of the whole run; None when the scene is not known.
-        standstill: the rest at the end of the run; None when the crawler moved to the end, or contacts are not known.
-        rests: the rests before it that last at least a cycle of the commands, without cycles a second.
+        rests: the rests that last at least a cycle of the commands, without cycles a second.
         incidents: refused commands and late ticks; None when /diagnostics was not recorded.
         at_limits: how long each link with limits of tension was `slack` and `stalled` [s]; None without a simulation.
     """
@@ -83,7 +82,6 @@ class Replay:
     slips: Slips
     energy: EnergyBalance | None
     margins: Margins | None
-    standstill: Standstill | None
     rests: tuple[Rest, ...]
     incidents: Incidents | None
     at_limits: dict[str, dict[str, float]] | None
@@ -128,7 +126,6 @@ class Replay:
             "jumps": self.plain_jumps(),
             "energy": None if self.energy is None else asdict(self.energy),
             "margins": None if self.margins is None else self.margins.as_plain(),
-            "standstill": None if self.standstill is None else asdict(self.standstill),
             "rests": [rest.as_plain() for rest in self.rests],
             "at_limits": self.at_limits,
             "incidents": None if self.incidents is None else asdict(self.incidents),
@@ -218,7 +215,6 @@ def analyse(
     cycles, source = tabulate_cycles(table, scene)
     topics = check_topics(survey, robot, rate)
     whole = known or robot.recorded("contact_states") in survey.topics
-    standstill = find_standstill(table, survey, robot) if whole else None
     return Replay(
         path=path,
         survey=survey,
@@ -239,8 +235,7 @@ def analyse(
         slips=finder.finish(),
         energy=account_of(table) if known else None,
         margins=find_margins(table, scene) if known and scene is not None else None,
-        standstill=standstill,
-        rests=find_rests(table, cycles, standstill) if whole else (),
+        rests=find_rests(table, cycles) if whole else (),
         incidents=find_incidents(survey.diagnostics, robot.namespace),
         at_limits=yields.list_seconds() if known else None,
     )

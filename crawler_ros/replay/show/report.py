@@ -177,8 +177,6 @@ def _print_rests(replay: Replay, screen: Console) -> None:
         screen.print((f"run {rest.run}: " if rest.run else "") + rest.explain())
     if len(replay.rests) > _MOST_RESTS:
         screen.print(f"{len(replay.rests) - _MOST_RESTS} shorter rest(s)")
-    if replay.standstill is not None:
-        screen.print(replay.standstill.explain())
 
 
 def _print_incidents(replay: Replay, screen: Console) -> None:
