@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -48,7 +48,7 @@ def compare(
     namespace: NamespaceOption = None,
     by_phase: Annotated[
         bool,
-        typer.Option("--by-phase", help="Compare recordings by the cycles of their drives, too, not by time."),
+        typer.Option("--by-phase", help="Compare two recordings by the cycles of their drives, too, not by time."),
     ] = False,
     force: ForceOption = False,
 ) -> None:
@@ -56,9 +56,8 @@ def compare(
 
     crawler compare two_anchor_a two_anchor_b two_anchor_c --png three.png
 
-    Scenes are simulated for ten periods. As soon as one is among the runs, all are aligned by the cycles of their
-    drives, however long these last, and begin with the first command. Two recordings or more are compared on simulated
-    time.
+    Scenes are simulated for ten periods. Runs are aligned by the cycles of their drives, however long these last, and
+    begin with the first command. Only two recordings are compared on simulated time.
     """
     check_output("--png", png, PICTURES, force)
     scenes = [run for run in runs if not is_recording(run)]
@@ -70,10 +69,10 @@ def compare(
         runs = [str(bag) for bag in list_bags(Path(runs[0]))]
     if len(runs) < 2:
         raise CrawlerError(f"{runs[0]}: 1 run; a comparison needs two, or a folder of at least two bags")
-    if by_phase or scenes:
+    if by_phase or scenes or len(runs) > 2:
         _compare_walks(_walk_all(runs, scene, namespace), as_json, png)
     else:
-        _compare_recordings([Path(run) for run in runs], scene, namespace, as_json, png)
+        _compare_recordings(Path(runs[0]), Path(runs[1]), scene, namespace, as_json, png)
 
 
 def _walk_all(runs: Sequence[str], scene: str | None, namespace: str | None) -> list[Walk]:
@@ -114,29 +113,22 @@ def _compare_walks(walks: Sequence[Walk], as_json: bool, png: Path | None) -> No
 
 
 def _compare_recordings(
-    recordings: Sequence[Path], scene: str | None, namespace: str | None, as_json: bool, png: Path | None
+    first: Path, second: Path, scene: str | None, namespace: str | None, as_json: bool, png: Path | None
 ) -> None:
     from crawler_model import load_scene
-    from crawler_ros.replay.show.compare import compare_all, print_all, print_comparison
+    from crawler_ros.replay.show.compare import compare_recordings, print_comparison
 
     loaded = None if scene is None else load_scene(scene)
     with progress_bar("comparing") as progress:
-        found = compare_all(recordings, loaded, namespace, progress)
+        found = compare_recordings(first, second, loaded, namespace, progress)
     if png is not None:
-        from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
+        from crawler_ros.replay.show.compare_page import draw_comparison
 
         with whole_file(png) as part:
-            if len(found) == 1:
-                draw_comparison(found[0], part)
-            else:
-                draw_all(found, part)
+            draw_comparison(found, part)
     if as_json:
-        plain: list[Any] = [compared.as_plain() for compared in found]
-        print(json.dumps(plain[0] if len(plain) == 1 else {"schema": 1, "comparisons": plain}, allow_nan=False))
+        print(json.dumps(found.as_plain(), allow_nan=False))
         return
-    if len(found) == 1:
-        print_comparison(found[0], screen)
-    else:
-        print_all(found, screen)
+    print_comparison(found, screen)
     if png is not None:
         screen.print(f"drawn: {png}", markup=False)

@@ -86,33 +86,32 @@ class RunComparison:
         }
 
 
-def compare_all(
-    paths: Sequence[Path],
+def compare_recordings(
+    first: Path,
+    second: Path,
     scene: Scene | None = None,
     namespace: str | None = None,
     progress: Callable[[float], None] | None = None,
-) -> list[RunComparison]:
-    """Read recordings and compare each with the first.
+) -> RunComparison:
+    """Read two recordings and compare them.
 
     Args:
-        paths: two recordings or more.
+        first: a recording.
+        second: another one.
         scene: the scene that ran, for recordings that do not hold it.
         namespace: namespace of the crawler, where several were recorded.
         progress: called with the fraction done, in [0, 1].
 
     Returns:
-        The comparison of each recording but the first.
+        The comparison.
 
     Raises:
         BagError: when one is not a recording of a crawler, or their contacts differ.
     """
-    report, count = progress or (lambda part: None), len(paths)
-
-    def read(k: int) -> Replay:
-        return analyse(paths[k], scene, namespace, progress=lambda part: report((k + part) / count))
-
-    one = read(0)
-    return [_compare_runs(one, read(k)) for k in range(1, count)]
+    report = progress or (lambda part: None)
+    one = analyse(first, scene, namespace, progress=lambda part: report(0.5 * part))
+    two = analyse(second, scene, namespace, progress=lambda part: report(0.5 + 0.5 * part))
+    return _compare_runs(one, two)
 
 
 def _compare_runs(one: Replay, two: Replay) -> RunComparison:
@@ -304,44 +303,3 @@ def _add_angles(table: Table, what: str, a: float | None, b: float | None) -> No
     """Add a row of angles by which two bodies turned, if they do and it is known."""
     if a is not None and b is not None:
         table.add_row(f"{what}, rad", *(write_angle(angle) for angle in (a, b, b - a)))
-
-
-def print_all(found: Sequence[RunComparison], screen: Console) -> None:
-    """Print comparisons of several runs with the first of them, a row each.
-
-    Args:
-        found: the comparisons.
-        screen: the console to print to.
-    """
-    first = found[0].first
-    title = f"{len(found) + 1} runs, each compared with {first.path.name}"
-    runs = [first, *(compared.second for compared in found)]
-    turns = any(run.table.turned is not None for run in runs)
-    columns = ["commands differ from [s]", "motion differs from [s]", "by up to [m]", "translation [m]"]
-    columns += [*["turned [rad]"] * turns, "work [J]", "cycles paired"]
-    numbers = (Column(name, justify="right") for name in columns)
-    table = Table(Column("run", no_wrap=True), *numbers, title=title, title_justify="left")
-    size = max(run.table.size for run in runs)
-    for run, compared in zip(runs, (None, *found), strict=True):
-        gained, angle = run.table.gained, run.table.turned
-        row = [run.path.name, "", "", ""]
-        if compared is not None:
-            row[1:] = [
-                _when(compared.commands_differ),
-                _when(compared.motion_differs),
-                f"{compared.max_difference:.4g}",
-            ]
-        work = "" if run.energy is None else f"{run.energy.work:.6g}"
-        paired = "" if compared is None else f"{len(compared.pairs)} of {len(run.cycles)}"
-        turned = [] if not turns else ["" if angle is None else write_angle(angle)]
-        table.add_row(*row, write_length(gained[0], size) if len(gained) else "", *turned, work, paired)
-    screen.print(table)
-    for compared in found:
-        if compared.unpaired:
-            screen.print(f"{compared.second.path.name}: {compared.unpaired}")
-        if not compared.second.healthy:
-            screen.print(f"{compared.second.path.name}: [yellow]problem:[/] {compared.second.problems[0]}")
-
-
-def _when(seconds: float | None) -> str:
-    return "never" if seconds is None else f"{seconds:g}"

@@ -1,4 +1,4 @@
-"""The figure of a comparison: two runs side by side, or several over each other."""
+"""The figure of a comparison of two runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model.body.drive import NS
-from crawler_pictures.colors import BACK, FORWARD, GREY, LINES
+from crawler_pictures.colors import BACK, FORWARD, GREY
 from crawler_pictures.numbers import ROUNDING, label_values
 from crawler_pictures.run.kymograph import write_title
 from crawler_pictures.style import open_figure, own_style, page, rim_of, write_figure
@@ -36,7 +36,7 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
         axes = figure.subplots(2, 2, width_ratios=[2, 1])
     runs = (found.first, found.second)
     labels = [f"{letter}: {run.path.name}" for letter, run in zip("AB", runs, strict=True)]
-    _draw_translations(axes[0, 0], runs, labels, _COLORS)
+    _draw_translations(axes[0, 0], runs, labels)
     axes[0, 0].legend(loc="best", frameon=False, fontsize=8)  # below the title: names of recordings are long
     energy = 0.0
     for run, color in zip(runs, _COLORS, strict=True):
@@ -87,10 +87,10 @@ def _draw_cycles(axes: Any, runs: Sequence[Replay]) -> None:
     write_title(axes[1], "slips forward and back in all cycles")
 
 
-def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str], colors: Sequence[str]) -> None:
+def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str]) -> None:
     """Draw the net translation of the first run of each recording between resets, from its start; y is thin."""
-    for k, (run, label, color) in enumerate(zip(runs, labels, colors, strict=True)):
-        rim = rim_of(k, len(runs)) if len(runs) <= len(LINES) else 0.0
+    for k, (run, label, color) in enumerate(zip(runs, labels, _COLORS, strict=True)):
+        rim = rim_of(k, len(runs))
         rows = np.flatnonzero(run.table.run == 0)
         rows = rows[:: max(rows.size // _MOST_POINTS, 1)]
         time, (x, *across) = run.table.end_ns[rows] / NS, run.table.net_translation[rows].T
@@ -103,35 +103,3 @@ def _draw_translations(axis: Any, runs: Sequence[Replay], labels: Sequence[str],
 def _explain(runs: Sequence[Replay]) -> str:
     """Explain the lines of runs in the plane."""
     return " (thick: x, thin: y)" if any(run.table.net_translation.shape[1] == 2 for run in runs) else ""
-
-
-@own_style()
-def draw_all(found: Sequence[RunComparison], png: Path) -> None:
-    """Draw several runs: net translation over time, and in all.
-
-    Args:
-        found: the comparisons of each run but the first with the first.
-        png: the file to write.
-    """
-    runs = [found[0].first, *(compared.second for compared in found)]
-    few = len(runs) <= len(LINES)
-    colors = LINES[: len(runs)] if few else ("#000000", *["#9a9a9a"] * len(found))
-    figure = open_figure(11, (2.6 + 0.22 * len(runs)) * (2 if page().narrow else 1), stacked=True)
-    left, right = figure.subplots(*((2, 1) if page().narrow else (1, 2)))
-    _draw_translations(left, runs, [run.path.name for run in runs], colors)
-    left.set_xlabel("simulated time [s]")
-    write_title(
-        left, f"net translation of {len(runs)} runs{_explain(runs)}" + ("" if few else f"; black: {runs[0].path.name}")
-    )
-    size = max(run.table.size for run in runs)
-    y = [run.table.net_translation for run in runs]
-    for k, (color, v) in enumerate(zip(colors, y, strict=True)):
-        total = v[-1] - v[0] if len(v) else np.zeros(v.shape[1])
-        total = np.where(np.abs(total) > ROUNDING * size, total, 0.0)
-        right.barh(k, total[0], color=color, height=0.7)
-        right.plot(total[1:], [k] * total[1:].size, "kD", markersize=4)
-    right.set_yticks(np.arange(len(runs)), [run.path.name for run in runs], fontsize=8)
-    right.invert_yaxis()
-    right.axvline(0.0, color="#9a9a9a", linewidth=0.8)
-    right.set_xlabel("net translation in all [m]" + ("; bars: x, diamonds: y" if _explain(runs) else ""))
-    write_figure(figure, png, 110)

@@ -102,9 +102,9 @@ def test_all_readers_read_in_the_order_of_reception(tmp_path, recorded, where):
 
             found.append([frame.pack() for frame in read_frames(path, None, None)[1]])
         elif where == "walk":
-            from crawler_ros.replay.show.compare import compare_all
+            from crawler_ros.replay.show.compare import compare_recordings
 
-            (both,) = compare_all([one, path], None, None, lambda part: None)
+            both = compare_recordings(one, path, None, None, lambda part: None)
             found.append(json.dumps(both.as_plain()).replace(str(path), "").replace(str(one), ""))
         elif where == "measurements":
             from crawler_lab.identify.recorded import read_bag

@@ -12,8 +12,8 @@ pytest.importorskip("matplotlib")
 from crawler_model import Scene, load_scene
 from crawler_pictures.marks import SLACK
 from crawler_ros.replay import Replay, analyse
-from crawler_ros.replay.show.compare import compare_all
-from crawler_ros.replay.show.compare_page import draw_all, draw_comparison
+from crawler_ros.replay.show.compare import compare_recordings
+from crawler_ros.replay.show.compare_page import draw_comparison
 from crawler_ros.replay.show.replay_page import draw_replay, read_replay
 from crawler_ros.replay.show.samples import Samples
 
@@ -64,12 +64,10 @@ def drawn(tmp_path_factory):
     bags = {name: record(folder / name, strategy_b(name, float(name[1:])), 5) for name in ("b3", "b6")}
     with words_of_figures() as words:
         pages = {name: draw_page(bag, folder / f"{name}.png") for name, bag in bags.items()}
-        both = compare_all([bags["b3"], bags["b6"]])
-        draw_comparison(both[0], folder / "compare.png")
-        draw_all(both, folder / "all.png")
-    for name, text in zip((*pages, "compare", "all"), words, strict=True):
+        draw_comparison(compare_recordings(bags["b3"], bags["b6"]), folder / "compare.png")
+    for name, text in zip((*pages, "compare"), words, strict=True):
         (folder / f"{name}.txt").write_text(text, "utf-8")
-    return {**pages, "compare": folder / "compare.png", "all": folder / "all.png"}
+    return {**pages, "compare": folder / "compare.png"}
 
 
 @pytest.mark.parametrize("name", ["b6", "compare"])
@@ -77,7 +75,7 @@ def test_the_picture_is_the_one_that_was_looked_at(drawn, name):
     assert distance(drawn[name], GOLDEN / f"replay_{name}.png") < TOLERANCE
 
 
-@pytest.mark.parametrize("name", ["b6", "compare", "all"])
+@pytest.mark.parametrize("name", ["b6", "compare"])
 def test_its_words_and_curves_are_those_that_were_read(drawn, name):
     assert not differences(drawn[name].with_suffix(".txt").read_text("utf-8"), GOLDEN / f"replay_{name}.txt")
 

@@ -8,7 +8,7 @@ import pytest
 from crawler_model import Scene
 from crawler_ros.replay import Replay, analyse
 from crawler_ros.replay.parts import parts_by_name, parts_of
-from crawler_ros.replay.show.compare import compare_all
+from crawler_ros.replay.show.compare import compare_recordings
 
 from ...commands import crawler
 from ...recordings import record, rewrite
@@ -80,7 +80,7 @@ def test_slips_forward_less_slips_back_are_the_translation(refined):
 
 
 def test_runs_on_two_meshes_can_be_compared(refined):
-    found = compare_all([refined[-1].path, refined[-2].path])[0]
+    found = compare_recordings(refined[-1].path, refined[-2].path)
     assert found.commands_differ is None
     assert found.max_difference < 0.01
     for row in found.slips:

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray
 from crawler_ros.recording import bag
 from crawler_ros.recording.bag_writer import BagWriter
 from crawler_ros.replay import analyse
-from crawler_ros.replay.show.compare import compare_all
+from crawler_ros.replay.show.compare import compare_recordings
 from crawler_ros.viewer.frames import frames_of_recording
 from crawler_ros.viewer.visualizer import draw_recording
 from crawler_ros.wire.topics import read_topics
@@ -101,7 +101,7 @@ def test_it_is_drawn_and_compared_as_any_other(recordings, case, tmp_path):
     assert len(plain) == 41
     assert any(f.forward.any() for f in plain)
     assert draw_recording(recordings[case], tmp_path / "x.rrd") > 5
-    same = compare_all([recordings["plain"], recordings[case]])[0]
+    same = compare_recordings(recordings["plain"], recordings[case])
     assert same.commands_differ is None
     assert same.max_difference == 0.0
 
