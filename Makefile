@@ -43,9 +43,9 @@ test-all: test
 	$(PYTEST) -m slow
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(abspath $(VENV))/checked $(PYTEST) -m "not slow" tests/instrument/model tests/lab
 
-# bodies on a line: to compile the kernels of all others takes minutes for each version of Python
+# chains on a line with linear springs: to compile the kernels of all others takes minutes for each version of Python
 smoke: $(READY)
-	$(BIN)/python -m pytest -q -p no:cacheprovider -k "not gallery" tests/instrument/model/test_closed_forms.py tests/instrument/ros/test_messages.py tests/instrument/ros/test_lock_step.py
+	$(BIN)/python -m pytest -q -p no:cacheprovider -k "(strategies or messages or lock_step) and not (gallery or swells or remembers)" tests/instrument/model/test_closed_forms.py tests/instrument/ros/test_messages.py tests/instrument/ros/test_lock_step.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
