@@ -248,7 +248,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     known = weights @ covariance @ weights.T
     known[count:, count:] += scatter
     posterior = dataclasses.replace(collect_posterior(plain, known, freedom), fits=not reason)
-    shown = tuple(doubt(p, reason, where is not None) for p in parameters) if reason else parameters
+    shown = tuple(doubt(p, reason) for p in parameters) if reason else parameters
     return Identification(
         scene=posterior.apply(scene),
         parameters=tuple(remark(p, explanations) for p in shown),

@@ -161,18 +161,17 @@ def _choose(
     return plain | {"verdict": "bound", "interval": [chosen[p][True][0], None]}
 
 
-def doubt(parameter: Parameter, reason: str, but_bounds: bool) -> Parameter:
+def doubt(parameter: Parameter, reason: str) -> Parameter:
     """Withdraw what a model tells that does not fit, or whose start nothing tells.
 
     Args:
         parameter: its verdict if there were no doubt.
         reason: why there is.
-        but_bounds: whether a parameter that ended at a bound that was given keeps it.
 
     Returns:
         The value without an interval; as it is where nothing was told.
     """
-    if parameter.verdict == "not excited" or (parameter.ended and but_bounds):
+    if parameter.verdict == "not excited":
         return parameter
     reason += "" if parameter.verdict == "identified" else f"; {parameter.why}"
     return replace(parameter, verdict="doubtful", interval=(None, None), why=reason)

@@ -11,6 +11,7 @@ import yaml
 from crawler_command.screen import write_scene
 from crawler_lab import Identification, identify, optimise
 from crawler_lab.identify.forecast.predict import predict
+from crawler_lab.identify.judge.verdicts import Parameter, doubt
 from crawler_lab.optimise.landscape import profile
 from crawler_lab.verbs.identify.command import _note_bounds
 from crawler_model import Scene, limit_cycle, load_scene, simulate
@@ -80,3 +81,11 @@ def test_the_best_gait_of_a_written_scene_gains_the_same_wherever_it_is_computed
     assert run.per_period[-1] == pytest.approx(best.value, rel=1e-9)
     assert limit_cycle(played).gain == pytest.approx(best.value, rel=1e-9)
     assert predict(played, found.posterior).gain.value == pytest.approx(best.value, rel=1e-9)
+
+
+def test_of_a_model_that_does_not_fit_a_bound_that_the_fit_reached_tells_nothing() -> None:
+    """The misfit has driven it there: frictions of 0.2 N were "at most" the bound of 0.002 N."""
+    reached = Parameter("friction.forward[0]", "bound", 0.002, (None, 0.002), (), "at most 0.002", ended=True)
+    found = doubt(reached, "the model does not fit")
+    assert (found.verdict, found.interval, found.ended) == ("doubtful", (None, None), True)
+    assert found.why == "the model does not fit; at most 0.002"

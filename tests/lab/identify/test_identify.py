@@ -484,7 +484,7 @@ def test_a_misfit_has_a_size_and_a_place(wrong: str, noise: float) -> None:
     if wrong == "stiffness":
         assert found.explanations
     for p in found.parameters:
-        assert p.verdict in ("doubtful", "not excited") or p.ended
+        assert p.verdict in ("doubtful", "not excited")
 
 
 def test_a_lag_is_a_number_of_the_sensor() -> None:
@@ -542,11 +542,15 @@ def test_a_fit_that_ends_at_a_bound_is_reported() -> None:
         assert found.model_fits == fits
         assert "ended at its bound" in found.warnings[0]
         p = found[key]
-        assert p.verdict == "bound"
-        assert p.interval == (pytest.approx(most), None)
+        assert p.ended
+        assert f"at least {most:.6g}: the fit ended at this bound" in p.why
         if fits:
+            assert p.verdict == "bound"
+            assert p.interval == (pytest.approx(most), None)
             assert len(found.warnings) == 1
         else:
+            assert p.verdict == "doubtful"
+            assert p.interval == (None, None)
             assert "of 2 starts" in found.warnings[1]
 
 

@@ -131,7 +131,7 @@ def test_a_number_of_the_sensor_far_from_its_prior_is_told_and_not_identified() 
 def test_a_mistake_of_a_person_is_the_first_explanation(kind: str) -> None:
     found, first = identify_mistake(1, kind)
     assert not found.model_fits
-    assert {p.verdict for p in found.parameters} <= {"doubtful", "not excited", "bound"}
+    assert {p.verdict for p in found.parameters} <= {"doubtful", "not excited"}
     assert first
     assert found.explanations[0].explained > 0.9
     assert len(found.explanations) <= 3
