@@ -142,17 +142,27 @@ def _find(
     rng: np.random.Generator,
     progress: Callable[[float], None] | None,
 ) -> tuple[Fit, Structure]:
-    """Fit, and find what is determined."""
+    """Fit, and find what is determined; Ctrl-C behind the search ends one stage, without its fit."""
     searched = find_fit(problem, coarse, starts, seconds, rng, progress)
+    fit, interrupted = searched, searched.interrupted
     try:
-        lowest = searched if searched.interrupted else explore_minima(problem, searched, rng)
+        fit = fit if interrupted else explore_minima(problem, fit, rng)
     except KeyboardInterrupt:
-        lowest = searched = dataclasses.replace(searched, interrupted=True)
-    fit, structure = _fit_determined(problem, release(problem, coarse, lowest))
-    if not searched.interrupted:
-        fit = average_derivatives(problem, fit, np.isin(np.arange(problem.count), list(structure.fixed)), rng)
+        interrupted = True
+    try:
+        fit = release(problem, coarse, fit)
+    except KeyboardInterrupt:
+        interrupted = True
+    structure = find_structure(problem, fit)
+    try:
+        fit, structure = _fit_determined(problem, fit, structure)
+        if not interrupted:
+            held = np.isin(np.arange(problem.count), list(structure.fixed))
+            fit = average_derivatives(problem, fit, held, rng)
+    except KeyboardInterrupt:
+        interrupted = True
     return dataclasses.replace(
-        fit, interrupted=searched.interrupted, starts=searched.starts, reached=searched.reached
+        fit, interrupted=interrupted, starts=searched.starts, reached=searched.reached
     ), structure
 
 
@@ -181,11 +191,10 @@ def _coarse(problem: Problem) -> Problem:
     return Problem(replicas, rows, problem.space, problem.offset, problem.sensor)
 
 
-def _fit_determined(problem: Problem, fit: Fit) -> tuple[Fit, Structure]:
-    """Find what is determined, and fit again with the scale of ratios fixed by the scene."""
+def _fit_determined(problem: Problem, fit: Fit, structure: Structure) -> tuple[Fit, Structure]:
+    """Fit again with the scale of ratios fixed by the scene, and find what is determined then."""
     space, count = problem.space, problem.space.origin.size
     origin = space.to_coordinates(space.origin)
-    structure = find_structure(problem, fit)
     for _ in range(count):
         moved = fit.unknowns.copy()
         for group in structure.groups:

@@ -258,7 +258,14 @@ def test_ctrl_c_keeps_the_best_start() -> None:
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [("identify.identify", "explore_minima"), ("identify.judge.explain", "try_suspects")]
+    ("module", "name"),
+    [
+        ("identify.identify", "explore_minima"),
+        ("identify.identify", "release"),
+        ("identify.identify", "_fit_determined"),
+        ("identify.identify", "average_derivatives"),
+        ("identify.judge.explain", "try_suspects"),
+    ],
 )
 def test_ctrl_c_after_the_search_keeps_the_fit(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     document = mixed(seed=1)
