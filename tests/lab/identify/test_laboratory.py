@@ -109,9 +109,11 @@ def test_a_stiffer_link_explains_a_misfit_and_moves_values() -> None:
     assert not found.model_fits
     assert first
     assert found.explanations[0].amount == pytest.approx(1.3, rel=0.03)
-    moved = [(one, name) for one in found.explanations for name in one.moved]
-    for one, name in moved:
-        assert f"if the misfit is {one.what}" in found[name].why
+    moved = {name for one in found.explanations for name in one.moved}
+    assert moved
+    for name in moved:
+        first = next(one for one in found.explanations if name in one.moved)
+        assert f"if the misfit is {first.what}" in found[name].why
 
 
 def test_a_number_of_the_sensor_far_from_its_prior_is_told_and_not_identified() -> None:
