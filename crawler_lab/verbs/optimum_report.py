@@ -41,7 +41,7 @@ def describe_optimum(found: Optimum) -> list[str]:
         "screw": "distance from the target",
     }
     unit = "" if found.unit == "1" else f" {found.unit}"
-    worst = ", the worst over the box" if found.weaknesses else ""
+    worst = ", the worst over the box" if len(found.space.scenes) > 1 else ""
     if found.robustness is not None:
         kind = "the mean" if found.robustness.over == "expected" else "the worst"
         worst = f", {kind} of {found.robustness.drawn} bodies drawn from the posterior"

@@ -86,7 +86,7 @@ STIFFNESS = "body.joints.stiffness"
 
 
 def test_the_worst_turn_is_that_of_the_softest_joint_and_a_softer_one_stops_it():
-    best = optimise(SCISSORS, "turn", free={OPENED: (0.0, 0.8)}, robust={STIFFNESS: (0.8, 1.2)}, seconds=0.01)
+    best = optimise(SCISSORS, "turn", free={OPENED: (0.0, 0.8)}, robust={STIFFNESS: (0.8, 1.2)}, seconds=60.0)
     opened = best.values[0]
     assert best.value == pytest.approx(opened - 2.0 * 0.1 / (0.8 * 5.0), abs=1e-5)
     (weakness,) = best.weaknesses
