@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 
 from crawler_model import CrawlerError
+from crawler_ros.wire.facts import STANDS_STILL
 
 from . import controller as controller_process
 from .processes import Process, node_command
@@ -37,7 +38,7 @@ class _Simulator(Process):
 
     def __init__(self, options: dict[str, str | float | bool], environment: dict[str, str]) -> None:
         super().__init__(node_command("crawler_ros.node.simulator", **options), environment | _LOG)
-        self.noted, self.is_deaf, self.refuses_all = "", False, False
+        self.noted, self.is_deaf, self.stands_still = "", False, False
 
     def relay(self) -> None:
         """Print warnings, errors and why nothing happens yet; note what the simulator reports of its life."""
@@ -45,7 +46,7 @@ class _Simulator(Process):
             if re.search(r"\[(WARN|ERROR|FATAL)\]|compiling", line):
                 print(line, file=sys.stderr)
                 self.is_deaf |= "of its messages is received" in line or "nothing passes" in line
-                self.refuses_all |= "so far were refused" in line
+                self.stands_still |= STANDS_STILL in line
             elif re.search(r"\[crawler\]: (recorded|stopped after) |waiting for commands on", line):
                 self.noted += f"{line}\n"
 
@@ -75,9 +76,9 @@ def run_controller(
     The controller is any Python program with a ROS 2 node. It starts as soon as the simulator has published a state,
     and its output is not changed, except that a stop by this command leaves no traceback; the simulator shows only its
     warnings and errors. The command exits with the controller's exit status, or 0 when --duration has ended it. Ctrl-C
-    ends the controller, then the simulator. In lock-step, where nothing moves without a command, a controller whose
-    commands have all been refused for twenty seconds is ended with status 1. Both run on this machine, in a ROS domain
-    of their own, unless ROS_DOMAIN_ID or a discovery range is set.
+    ends the controller, then the simulator. In lock-step, where nothing moves without a command, a controller that has
+    sent no other one for twenty seconds after a refused command is ended with status 1. Both run on this machine, in a
+    ROS domain of their own, unless ROS_DOMAIN_ID or a discovery range is set.
     """
     require("rclpy", *(("mcap", "zstandard") if record is not None else ()))
     if not controller.is_file():
@@ -110,8 +111,9 @@ def run_controller(
     has_failed = simulator.status != 0 and not (simulator.status == 130 and "stopped after" in simulator.noted)
     if has_failed and not received:
         raise CrawlerError(f"the simulator failed: {last}")
-    if status is None and simulator.refuses_all and not received:
-        raise CrawlerError(f"{controller} was ended: all its commands were refused; the warnings above name the reason")
+    if status is None and simulator.stands_still and not received:
+        why = "it waits behind a refused command; the warnings above name the reason"
+        raise CrawlerError(f"{controller} was ended: {why}")
     if status is None and duration is None and not received:
         raise CrawlerError(f"the simulator ended before the controller: {last}")
     if status == 0 and "no command was received" in simulator.noted:
@@ -191,7 +193,7 @@ def _play(simulator: _Simulator, command: list[str], environment: dict[str, str]
     """
     controller = Process(command, environment, read=False)
     try:
-        while controller.status is None and simulator.status is None and not (received or simulator.refuses_all):
+        while controller.status is None and simulator.status is None and not (received or simulator.stands_still):
             simulator.relay()
             time.sleep(_LOOKS_S)
         return controller.status

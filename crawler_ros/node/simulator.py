@@ -17,6 +17,7 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
+from ..wire.facts import STANDS_STILL
 from ..wire.measured import MEASURED, MeasuredStates, find_sensors
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
@@ -26,6 +27,7 @@ from .encoder import STATES
 from .intake.commands import CommandQueue
 from .intake.intake import Intake
 from .intake.limits import command_limits
+from .intake.peers import TRIGGERS
 from .life.fair_lock import FairLock
 from .life.quiet_node import QuietNode
 from .life.run import run_node
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
 _SILENCE_NS = 5 * NS
 """Time without a command, since states are heard, after which the log reports it."""
 _REFUSES_NS = 20 * NS
-"""Time since the first command, if none was accepted, after which the log reports it."""
+"""Time without a tick behind a refused command after which the log reports it."""
 
 
 class Simulator(QuietNode):
@@ -175,6 +177,7 @@ class Simulator(QuietNode):
             self.reported = TickCounts(late=self.reported.late)
             self.reported_commands = self.reported_commands._replace(ticks=0)
             self.ticks.reset()
+            self.intake.refusals.restart()
 
     def pause(self, paused: bool) -> None:
         """Pause simulated time, or let it go on.
@@ -344,19 +347,11 @@ class Simulator(QuietNode):
             self.throttle.warn("lag", self.tick_clock.describe_lag(wall_ns))
 
     def _warn_of_silence(self, wall_ns: int) -> None:
-        """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt.
-
-        And log once more that all commands were refused: a controller that waits for their states waits for ever.
-        """
-        received = self.intake.received
-        if not self.lock_step or received > self.intake.refusals.total:
+        """Log once that nothing moves in lock-step although another node hears the states: a topic may be misspelt."""
+        if not self.lock_step:
             return
-        if received:
-            self._refuses_ns = self._refuses_ns or wall_ns
-            if wall_ns - self._refuses_ns > _REFUSES_NS:
-                self._refuses_ns = sys.maxsize  # once
-                text = f"all {received} command(s) so far were refused, and in lock-step nothing moves without one"
-                self.throttle.warn("silence", text)
+        if self.intake.received:
+            self._warn_of_standstill(wall_ns)
             return
         if not self._silent_ns and any(self._outlets[name].is_heard() for name in STATES[:2]):
             self._silent_ns = wall_ns
@@ -366,6 +361,20 @@ class Simulator(QuietNode):
         topics = ", ".join(map(self.resolve_topic_name, self.intake.arrivals))
         text = f"no command has arrived yet, and in lock-step nothing moves without one; they are expected on {topics}"
         self.throttle.warn("silence", text)
+
+    def _warn_of_standstill(self, wall_ns: int) -> None:
+        """Log that a command was refused and none followed: a controller that waits for its state waits for ever."""
+        received, refusals = self.intake.received, self.intake.refusals
+        all_refused = received == refusals.total
+        is_idle = self.commands.is_idle and not self.tick_clock.rests
+        if not (all_refused or (is_idle and refusals.has_refused_at(self.commands.now_ns, TRIGGERS))):
+            self._refuses_ns = 0
+            return
+        self._refuses_ns = self._refuses_ns or wall_ns
+        if wall_ns - self._refuses_ns > _REFUSES_NS:
+            self._refuses_ns = sys.maxsize  # once
+            which = f"all {received} command(s) so far were" if all_refused else "the last command was"
+            self.throttle.warn("silence", f"{which} {STANDS_STILL}")
 
     def close(self) -> None:
         """Report for the last time, close the recording and the viewer, and remove the node from the graph."""

@@ -12,6 +12,8 @@ from enum import Enum
 
 REFUSED_ON = "refused on "
 """The start of a key that counts the messages refused on a topic, for all reasons or for one."""
+STANDS_STILL = "refused, and in lock-step nothing moves without one"
+"""The end of the line in a simulator's log that tells why nothing moves any more, by which others recognise it."""
 _REASON = re.compile(rf"{REFUSED_ON}(?P<topic>\S+): (?P<why>.*)", re.S)
 _TIMES = re.compile(r"(?P<count>\d+), first at (?P<first>\S+) s, last at (?P<last>\S+) s")
 

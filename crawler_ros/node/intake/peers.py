@@ -7,8 +7,15 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+TRIGGERS = (
+    "joint_trajectory",
+    "actuation_controller/commands",
+    "actuation_controller/joint_trajectory",
+    "joint_commands",
+)
+"""Topics whose commands trigger ticks in lock-step; those on others wait for one."""
 RIVAL_TOPICS = (
-    ("joint_trajectory", "actuation_controller/commands", "actuation_controller/joint_trajectory", "joint_commands"),
+    TRIGGERS,
     ("friction_controller/commands",),
     ("load_controller/commands",),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,6 +101,7 @@ class Refusals:
         self.counts: dict[str, int] = {}
         self.last = ""
         self._throttle = throttle
+        self._before = 0  # total when simulated time began
         self._reasons: dict[tuple[str, str], Reason] = {}
 
     @property
@@ -112,6 +113,23 @@ class Refusals:
     def reasons(self) -> list[Reason]:
         """The reasons in the order of their first message."""
         return list(self._reasons.values())
+
+    def restart(self) -> None:
+        """Note that simulated time begins anew."""
+        self._before = self.total
+
+    def has_refused_at(self, now_ns: int, topics: Container[str]) -> bool:
+        """Determine whether a message was refused at a time, since which no tick has passed if it is the present one.
+
+        Args:
+            now_ns: simulated time [ns].
+            topics: the topics that count.
+
+        Returns:
+            Whether there is one since simulated time began.
+        """
+        last = [reason.last_ns for reason in self.reasons if reason.topic in topics]
+        return self.total > self._before and now_ns in last
 
     def count_refusal(self, topic: str, why: str, now_ns: int) -> None:
         """Count a refused message and log the reason, each at most once a second for each topic.

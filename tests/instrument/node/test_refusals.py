@@ -26,6 +26,20 @@ def test_reasons_that_differ_only_in_numbers_and_names_count_as_one():
     assert counted.total == 6
 
 
+def test_one_since_the_last_tick_is_of_a_topic_and_of_this_run():
+    counted = refusals()
+    counted.count_refusal("a", "too late", 0)
+    counted.count_refusal("b", "too late", 5)
+    assert counted.has_refused_at(0, ("a",))
+    assert counted.has_refused_at(5, ("a", "b"))
+    assert not counted.has_refused_at(5, ("a",))
+    assert not counted.has_refused_at(6, ("a", "b"))
+    counted.restart()
+    assert not counted.has_refused_at(0, ("a",))
+    counted.count_refusal("a", "too late", 0)
+    assert counted.has_refused_at(0, ("a",))
+
+
 def test_their_number_is_bounded():
     counted = refusals()
     for k in range(1000):

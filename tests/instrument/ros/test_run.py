@@ -151,13 +151,21 @@ def test_the_summary_counts_what_was_refused(tmp_path, ros: Graph):
     assert run.said.splitlines()[-1].endswith("simulator stopped after 0 ticks, 0 late; 1 message(s) were refused")
 
 
-def test_a_controller_whose_commands_are_all_refused_does_not_wait_for_ever(tmp_path, ros: Graph):
-    text = ENDLESS.replace("data=[1e-4 * (state.header.stamp.nanosec % 1000), 0.0]", "data=[0.0]")
+@pytest.mark.parametrize(
+    ("command", "which"),
+    [
+        ("[0.0]", "all 1 command(s) so far were"),
+        ("[0.0, 0.0][:1 + (state.header.stamp.nanosec < 5e7)]", "the last command was"),
+    ],
+    ids=["all", "the last"],
+)
+def test_a_controller_that_waits_behind_a_refused_command_is_ended(tmp_path, ros: Graph, command: str, which: str):
+    text = ENDLESS.replace("[1e-4 * (state.header.stamp.nanosec % 1000), 0.0]", command)
     run = ros.command("run", SCENE, write(tmp_path, text), "--lock-step", "--record", str(tmp_path))
     assert run.wait() == 1, run.said
-    assert "all 1 command(s) so far were refused, and in lock-step nothing moves without one" in run.said
+    assert f"{which} refused, and in lock-step nothing moves without one" in run.said
     assert run.said.splitlines()[-1].endswith(
-        "controller.py was ended: all its commands were refused; the warnings above name the reason"
+        "controller.py was ended: it waits behind a refused command; the warnings above name the reason"
     )
     (recording,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert bag.examine(recording).complete
