@@ -116,9 +116,10 @@ $(READY): $(MADE)
 	$(if $(findstring coverage,$(EXTRAS)),,$(pip) uninstall --yes coverage pytest-cov)
 	touch $(READY)
 
+# the kernels of chains, which the demonstration needs: those of other bodies compile when they are first used
 $(VENV)/.ready-demo: $(MADE)
 	$(call install,-e '.[$(DEMO_EXTRAS)]')
-	$(BIN)/crawler warm
+	$(BIN)/crawler warm line
 	touch $@
 
 clean:
