@@ -29,7 +29,14 @@ from .judge.rate import judge_rate
 from .judge.sensors import doubt_sensor, judge_sensors, warn_of_sensors
 from .judge.structure import Structure, find_covariance, find_structure
 from .judge.verdicts import Parameter, doubt, judge
-from .measurements import MeasurementError, Measurements, are_reversed, check_measurements, leave_out_impossible
+from .measurements import (
+    MeasurementError,
+    Measurements,
+    are_reversed,
+    check_measurements,
+    find_copies,
+    leave_out_impossible,
+)
 from .replica.playback import replay_scene
 from .replica.replica import Replica
 from .replica.sampled import SampledReplica
@@ -351,6 +358,11 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
         "negate the positions if x increases the other way"
         for r in problem.replicas
         if are_reversed(scene.body, r.measured)
+    ]
+    warnings += [
+        f"{r.measured.name}: {one} and {other} move exactly alike: a marker or a column is used twice"
+        for r in problem.replicas
+        for one, other in find_copies(scene.body, r.measured)
     ]
     tried = f"{fit.starts} starts, and {fit.reached} of them ended here" if fit.starts > 1 else "one start"
     found = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,8 @@ _UNIX = (1e8, 1e10)
 """Unix time of today is between these [s]."""
 _CLOCKS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 _MOST_NAMED = 3
+_ALIKE = 1e-5
+"""Part of a motion below which differences are the rounding of a table of seven digits."""
 _MILLIMETRES = (
     "look like millimetres or pixels: divide millimetres by 1000, or use --units mm if all lengths of a table are "
     "millimetres; multiply pixels by the length of one in metres"
@@ -166,6 +169,27 @@ def are_reversed(body: Body, measured: Measurements) -> bool:
     seen = measured.on_ground
     place, home = np.nanmean(measured.values[:, seen], axis=0), observation(body, measured.channels)[1][seen]
     return bool(((place - place.mean()) * (home - home.mean())).sum() < 0.0) if seen.sum() > 1 else False
+
+
+def find_copies(body: Body, measured: Measurements) -> list[tuple[str, str]]:
+    """Find contacts of a body on a line whose positions differ by a constant alone, as of one marker.
+
+    Args:
+        body: the body.
+        measured: a recording.
+
+    Returns:
+        The names of each two of them; none that rest, or that noise tells apart.
+    """
+    if body.dimension == 2:
+        return []
+    found = []
+    for one, other in itertools.combinations(np.flatnonzero(measured.on_ground), 2):
+        values = measured.values[:, [one, other]]
+        values = values[np.isfinite(values).all(axis=1)]
+        if values.shape[0] >= _FEWEST and np.ptp(values @ [1.0, -1.0]) <= _ALIKE * np.ptp(values[:, 0]) > 0.0:
+            found.append((measured.channels[one], measured.channels[other]))
+    return found
 
 
 def check_measurements(scene: Scene, measured: Measurements) -> Measurements:

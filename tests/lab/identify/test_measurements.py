@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from crawler_lab.identify.measurements import MeasurementError, check_measurements
+from crawler_lab.identify.measurements import MeasurementError, check_measurements, find_copies
 from crawler_lab.identify.recorded import read_bag
 from crawler_model import Crawler, Scene, load_scene
 from crawler_model.body.drive import NS
@@ -126,3 +126,18 @@ def test_of_commands_that_a_tick_followed_at_once_the_path_is_kept(tmp_path):
     assert crawler.displacement == pytest.approx(moved, abs=1e-12)
     at_rest = found.command_time < ticks[-1][0] / NS
     assert (found.commands[at_rest] == found.commands[0]).all()
+
+
+def test_a_marker_that_is_used_twice_is_found():
+    """Also with a constant, gaps and the digits of a table between them; not where both rest or noise tells them apart."""
+    times, rows = walk(2, 2.0, 1)
+    plain = measure(chain(3), times, rows)
+    values = plain.values.copy()
+    assert find_copies(SCENE.body, plain) == []
+    values[:, 2] = np.round(values[:, 1] + 0.1, 7)
+    values[3:6, 1] = np.nan
+    assert find_copies(SCENE.body, dataclasses.replace(plain, values=values)) == [("contact_1", "contact_2")]
+    noisy = values + 1e-4 * np.random.default_rng(0).normal(size=values.shape)
+    assert find_copies(SCENE.body, dataclasses.replace(plain, values=noisy)) == []
+    values[:, 1:] = 0.1
+    assert find_copies(SCENE.body, dataclasses.replace(plain, values=values)) == []
