@@ -327,10 +327,12 @@ def _warn_of_start(scene: Scene, problem: Problem, parameters: Sequence[Paramete
     if is_start_told(scene, problem.space.names):
         return []
     if not problem.starts:
+        place = f", nor where it stood, which matters with {scene.ground.differs}" if scene.ground.differs else ""
         return [
-            f"nothing tells the forces of the springs at the start, and {scene.name} is of a kind for which they are "
-            "not found: all values are doubtful, as they hold only for a start that was guessed; a record that "
-            "begins at rest with slack springs, which `start` of the scene then states, would determine them"
+            f"nothing tells the forces of the springs at the start{place}, and {scene.name} is of a kind for "
+            "which they are not found: all values are doubtful, as they hold only for a start that was guessed; a "
+            "record that begins at rest with slack springs, which `start` of the scene then states, would determine "
+            "them"
         ]
     sums = sum(p.verdict == "sum" for p in parameters)
     if not sums:

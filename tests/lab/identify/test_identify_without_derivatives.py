@@ -242,6 +242,8 @@ def test_nothing_is_identified_of_a_robot_that_walked_before(name: str, keys: li
     assert all(p.interval == (None, None) for p in found.parameters)
     assert not found.posterior.fits
     assert sum("nothing tells the forces of the springs at the start" in line for line in found.warnings) == 1
+    placed = any("nor where it stood, which matters with ground.patches" in line for line in found.warnings)
+    assert placed == (name == "ice")
 
 
 def test_a_frame_in_the_plane_has_an_offset_along_each_axis() -> None:

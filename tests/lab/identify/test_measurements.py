@@ -129,7 +129,7 @@ def test_of_commands_that_a_tick_followed_at_once_the_path_is_kept(tmp_path):
 
 
 def test_a_marker_that_is_used_twice_is_found():
-    """Also with a constant, gaps and the digits of a table between them; not where both rest or noise tells them apart."""
+    """Also with a constant, gaps and the digits of a table between them; not where both rest or noise differs."""
     times, rows = walk(2, 2.0, 1)
     plain = measure(chain(3), times, rows)
     values = plain.values.copy()
