@@ -62,6 +62,25 @@ class Regions:
         nearest = np.abs(self.normals[of] @ point - self.offsets[of]).argmin()
         return np.asarray(sign * self.normals[of][nearest])
 
+    def stay(self, region: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Determine which straight ways do not come near a border.
+
+        Args:
+            region: where the ways begin, shape (N,).
+            start: shape (N, 2) [m].
+            end: shape (N, 2) [m].
+
+        Returns:
+            bool, shape (N,); False where `cross` has to be asked.
+        """
+        near = _NEAR * np.abs((start, end)).max(axis=(0, 2))[:, None]
+        away, inside = np.ones(region.size, np.bool_), np.zeros(region.size, np.bool_)
+        for r, (normals, offsets) in enumerate(zip(self.normals, self.offsets, strict=True)):
+            before, after = start @ normals.T - offsets, end @ normals.T - offsets
+            away &= (np.maximum(before, after) < -near).any(axis=1)
+            inside |= (region == r) & (np.minimum(before, after) > near).all(axis=1)
+        return np.where(region < 0, away, inside)
+
     def cross(self, region: int, start: np.ndarray, end: np.ndarray) -> tuple[float, int]:
         """Find where a straight way leaves a region.
 
