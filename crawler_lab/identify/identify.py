@@ -234,7 +234,8 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     covariance = np.zeros((problem.count, problem.count))
     own, freedom = find_covariance(problem, fit, fit.mean_jacobian, unknown)
     covariance[np.ix_(unknown, unknown)] = own
-    below, above = find_intervals(problem, fit, free, covariance, freedom, set(structure.weak))
+    below, above, ended = find_intervals(problem, fit, free, covariance, freedom, set(structure.weak))
+    fit = dataclasses.replace(fit, interrupted=fit.interrupted or ended)
     parameters, plain = judge(problem, fit, structure, below, above, covariance, freedom)
     sensors = judge_sensors(problem, fit, covariance, freedom)
     misfits = tuple(measure_misfit(problem, fit.residuals))

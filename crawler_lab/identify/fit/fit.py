@@ -223,11 +223,14 @@ def find_fit(
     if best is None:
         raise CrawlerError("identify: no motion exists at the values of the scene, nor at others within the bounds")
     # the best one on all rows, with the noise
-    if coarse is not problem and not interrupted:  # to go on there costs less
-        best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
+    try:
+        if coarse is not problem and not interrupted:  # to go on there costs less
+            best = fit_from(coarse, best.unknowns, held, tight=True, most=_PATIENT) or best
+    except KeyboardInterrupt:
+        interrupted = True
     fit = _refit(problem, best.unknowns, progress, 0.0 if coarse is problem else _ROUGH)
     reached = sum(cost <= (1.0 + _SAME_MINIMUM) * best.cost for cost in costs)
-    return replace(fit, interrupted=interrupted, starts=len(costs), reached=reached)
+    return replace(fit, interrupted=interrupted or fit.interrupted, starts=len(costs), reached=reached)
 
 
 def _is_exact(fit: Fit) -> bool:
@@ -251,19 +254,24 @@ def _find_size(problem: Problem, fit: Fit) -> float:
 
 
 def _refit(problem: Problem, unknowns: np.ndarray, progress: Callable[[float], None] | None, part: float) -> Fit:
-    """Fit, from unknowns at which a motion exists, and estimate the noise of the problem in turn.
+    """Fit, from unknowns at which a motion exists, and estimate the noise of the problem in turn, until Ctrl-C.
 
     As long as the noise is not estimated, `part` holds as for `fit_from`.
     """
     held = np.zeros(problem.count, np.bool_)
     fit: Fit | None = None
-    for k in range(_REFITS[problem.is_large]):
-        if fit is not None:
-            problem.estimate_noise(fit.residuals)
-        at, rough = (unknowns, part) if fit is None else (fit.unknowns, 0.0)
-        fit = fit_from(problem, at, held, tight=True, part=rough)
+    try:
+        for k in range(_REFITS[problem.is_large]):
+            if fit is not None:
+                problem.estimate_noise(fit.residuals)
+            at, rough = (unknowns, part) if fit is None else (fit.unknowns, 0.0)
+            fit = fit_from(problem, at, held, tight=True, part=rough)
+            assert fit is not None
+            if progress is not None:
+                progress(0.6 + 0.1 * (k + 1))
+    except KeyboardInterrupt:
+        fit = fit or fit_from(problem, unknowns, held, tight=True, most=0)
         assert fit is not None
-        if progress is not None:
-            progress(0.6 + 0.1 * (k + 1))
+        return replace(fit, interrupted=True)
     assert fit is not None
     return fit

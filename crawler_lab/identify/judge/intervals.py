@@ -21,7 +21,7 @@ _NULL = 1e-12
 
 def find_intervals(
     problem: Problem, fit: Fit, free: list[int], covariance: np.ndarray, freedom: float, weak: set[int]
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, bool]:
     """Compute the ends of all 95 % intervals.
 
     Args:
@@ -30,7 +30,8 @@ def find_intervals(
 
     Returns:
         Lower and upper half widths for the coordinates of the parameters, each of shape (P,); inf where nothing shows
-        an end. Half widths of large recordings follow only from the derivatives.
+        an end; and whether Ctrl-C ended the search for ends. Half widths behind it, and of large recordings, follow
+        only from the derivatives.
     """
     count = problem.space.origin.size
     unknown = [*free, *range(count, problem.count)]
@@ -38,21 +39,25 @@ def find_intervals(
     held[unknown] = False
     low, high = np.full(count, np.inf), np.full(count, np.inf)
     if not free:
-        return low, high
+        return low, high, False
     quantile = find_quantile(freedom)
     part = fit.mean_jacobian[:, unknown]
     size = np.linalg.norm(part, axis=0)
     size[size == 0.0] = 1.0
     plain = np.diag(np.linalg.pinv((part / size).T @ (part / size), rcond=_NULL, hermitian=True)) / size**2
-    for k, p in ((k, p) for k, p in enumerate(free) if p not in weak):
-        width = quantile * float(np.sqrt(covariance[p, p]))
-        low[p] = high[p] = width
-        if 0.0 < width < np.inf and not problem.is_large:
-            direction = covariance[:, p] / covariance[p, p]
-            expected = quantile**2 * max(1.0, covariance[p, p] / plain[k])
-            low[p] = _find_end(problem, fit, held, p, -direction, width, expected)
-            high[p] = _find_end(problem, fit, held, p, direction, width, expected)
-    return low, high
+    shown = [p for p in free if p not in weak]
+    low[shown] = high[shown] = quantile * np.sqrt(np.diag(covariance)[shown])
+    try:
+        for k, p in ((k, p) for k, p in enumerate(free) if p not in weak):
+            width = low[p]
+            if 0.0 < width < np.inf and not problem.is_large:
+                direction = covariance[:, p] / covariance[p, p]
+                expected = quantile**2 * max(1.0, covariance[p, p] / plain[k])
+                low[p] = _find_end(problem, fit, held, p, -direction, width, expected)
+                high[p] = _find_end(problem, fit, held, p, direction, width, expected)
+    except KeyboardInterrupt:
+        return low, high, True
+    return low, high, False
 
 
 def find_interval_of_sum(

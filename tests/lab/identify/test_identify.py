@@ -260,10 +260,13 @@ def test_ctrl_c_keeps_the_best_start() -> None:
 @pytest.mark.parametrize(
     ("module", "name"),
     [
+        ("identify.fit.fit", "measure_misfit"),
+        ("identify.fit.problem", "estimate_noise"),
         ("identify.identify", "explore_minima"),
         ("identify.identify", "release"),
         ("identify.identify", "_fit_determined"),
         ("identify.identify", "average_derivatives"),
+        ("identify.judge.intervals", "_find_end"),
         ("identify.judge.explain", "try_suspects"),
     ],
 )
