@@ -19,6 +19,7 @@ from ..jump import Jump
 from .borders import Crossing
 from .elastic import balances
 from .frame import Frame, build_frame, friction_columns
+from .friction import resist_all
 from .jump import COLLAPSED, jump
 from .ramp import LENGTH, MARGIN, PATIENCE, PLACE, begin_ramp, complete_ramp, follow_ramp
 from .state import PlanarState
@@ -40,6 +41,10 @@ _PRECISE = 0.01
 """Energies of a body that moves on balance to this part of the tolerance times friction, as it may do so often."""
 _AHEAD_MORE = 4.0
 """Factor for that part where the body has just landed, and divisor where it jumps with more than the least part."""
+_COMPASS = np.radians(np.arange(360.0))
+"""Directions in which a body may run away, from the x axis [rad]."""
+_HARDLY_HELD = 0.01
+"""A body that no equilibrium was found for runs away if its loads are within this part of what friction holds."""
 _HELP = "a larger tolerance or budget, or shorter ramps, help"
 _COMPLETION = 10_000
 """Upper limit of the work of the step that completes a ramp, per point."""
@@ -176,7 +181,7 @@ class PlaneMotion:
                     strayed = strayed or (not jumps and found.distance > self.tolerance)
                     velocity[:] = 0.0
                 elif frame.effort[0] <= frame.effort[1]:
-                    raise CommandError(self._explain(state, place))
+                    raise CommandError(self._explain(state, target, place))
                 else:
                     jump = self._complete(state, fields, target, velocity, ramp, account, progress)
                     progress[PLACE], strayed = 1.0, True
@@ -279,13 +284,16 @@ class PlaneMotion:
             ended = Jump(ramp, 1.0, int(contact), None, float(distance), float(max(loss, 0.0)))
         if not found:
             raise CommandError(
-                f"command: at {place:.4g} % of the ramp the budget of work is spent, and no equilibrium was found at "
-                f"its end; {_HELP}"
+                self._find_unheld_loads(state, target)
+                or f"command: at {place:.4g} % of the ramp the budget of work is spent, and no equilibrium was found "
+                f"at its end; {_HELP}"
             )
         return ended
 
-    def _explain(self, state: PlanarState, place: float) -> str:
-        """Explain why a ramp cannot be followed beyond a place."""
+    def _explain(self, state: PlanarState, target: np.ndarray, place: float) -> str:
+        """Explain why a ramp to a target cannot be followed beyond a place."""
+        if unheld := self._find_unheld_loads(state, target):
+            return unheld
         why = "no equilibrium was found"
         if self.body.turning is None:
             why += " to the tolerance"
@@ -294,6 +302,27 @@ class PlaneMotion:
             for link in np.flatnonzero(state.shape[: self.body.springs] < (COLLAPSED - 1.0) * lengths)[:1]:
                 why = f"link_{link} shrinks to a point, for want of a rest length > 0,"
         return f"command: {why} at {100.0 * place:.4g} % of the ramp"
+
+    def _find_unheld_loads(self, state: PlanarState, target: np.ndarray) -> str:
+        """Find a direction in which friction where the points stand does not hold the loads of a target.
+
+        Returns:
+            What is wrong; empty if it holds them.
+        """
+        if not state.loads.size:
+            return ""
+        total = target[friction_columns(self.frame).stop :].reshape(-1, 2).sum(axis=0)
+        ways = np.stack((np.cos(_COMPASS), np.sin(_COMPASS)), axis=1)
+        along = ways @ total
+        held = np.array([resist_all(self.frame, target, state.x, np.tile(way, (state.x.shape[0], 1))) for way in ways])
+        k = int(np.argmax(along - held))
+        if along[k] <= (1.0 - _HARDLY_HELD) * held[k]:
+            return ""
+        return (
+            f"command: the loads sum to [{total[0]:g}, {total[1]:g}] N, {along[k]:g} N at "
+            f"{np.degrees(_COMPASS[k]):g} degrees, but friction where the points stand resists sliding in this "
+            f"direction with {held[k]:g} N: no equilibrium, the body would run away"
+        )
 
 
 @functools.lru_cache

@@ -256,6 +256,27 @@ def test_what_holds_a_body_at_its_start_is_the_friction_of_its_ground(turns):
         Scene.model_validate(document | {"ground": {"regions": [half(-9.0, 0.25)]}})
 
 
+@pytest.mark.parametrize("body", ["discs", "polygons", "turns"])
+def test_where_ice_does_not_hold_a_load_the_error_says_that_the_body_would_run_away(body):
+    """A tow of 0.3 N draws two contacts from ground that holds 0.6 N onto ice that holds 0.12 N."""
+    turns = body == "turns"
+    polygons = {"directions": [0.0, 1.5708, 3.1416, 4.7124], "value": [0.3] * 4}
+    stroke = np.array([0.1] if turns else [[0.1, 0.0]])
+    document = {
+        "name": "towed",
+        "dimension": 2,
+        "body": {"contacts": [[0.0, 0.0], [0.2, 0.0]], "links": {"stiffness": 20.0}},
+        "friction": polygons if body == "polygons" else {"isotropic": 0.3},
+        "loads": [0.15, 0.0],
+        "ground": {"regions": [{"polygon": square(0.25, 9.0), "friction": 0.2}]},
+        "drive": {"times": [0, 1, 2], "period": 2, "actuation": [(part * stroke).tolist() for part in (0, 1, 0)]},
+    }
+    document["body"]["springs"] = "length" if turns else "vector"
+    said = r"the loads sum to \[0.3, 0\] N, 0.3 N at 0 degrees, but friction .* with 0.12 N: .* would run away"
+    with pytest.raises(CommandError, match=said):
+        simulate(Scene.model_validate(document), 8.0, rate=5.0)
+
+
 def test_what_needs_the_same_ground_everywhere_is_refused():
     scene = load_scene("snake_over_two_grounds")
     with pytest.raises(
