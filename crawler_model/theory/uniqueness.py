@@ -25,8 +25,8 @@ from ..body.body import Body
 from ..body.drive import Drive
 from ..rounding import CRITICAL, NOISE
 
-UNDETERMINED = "friction does not determine the translation; the one nearest to zero is taken"
-"""What every report tells of a run that is not unique."""
+UNDETERMINED = "friction does not determine the motion; of several translations the one nearest to zero is taken"
+"""What every report tells of a run that is not unique: also of a point that slides along a border of the ground."""
 _MOST_DECIDED = 30
 _FEW_CONTACTS, _FEW_ROWS = 16, 64
 
