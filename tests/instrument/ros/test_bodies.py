@@ -12,6 +12,7 @@ from std_msgs.msg import Float64MultiArray
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.crawler.readout import Readout
+from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.run.run_page import draw_run
 from crawler_ros.recording import bag
 from crawler_ros.replay import simulate_again
@@ -151,7 +152,7 @@ def test_a_translation_that_is_not_determined_warns_while_it_lasts(tmp_path):
         ros.simulator("scene:=two_contacts_critical", hear=("joint_states", "/diagnostics"))
 
         def said():
-            return ["not determine the translation" in m.status[0].message for m in ros.heard["/diagnostics"]]
+            return [UNDETERMINED in m.status[0].message for m in ros.heard["/diagnostics"]]
 
         ros.publish("actuation_controller/commands", Float64MultiArray(data=[0.5]))
         wait_until(lambda: any(said()))
