@@ -15,7 +15,7 @@ from crawler_model.body.names import name_every_spring
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
 from crawler_model.run.simulate import default_duration
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.stasis import directions_of, domain_evolution
 from crawler_model.theory.uniqueness import Undecided, commanded_margin
@@ -50,9 +50,9 @@ def choose_rate(scene: Scene) -> float:
     """
     times = np.append(scene.drive.times, scene.drive.period or 0.0)
     most = min(_MOST_TICKS, _MOST_NUMBERS / scene.body.contacts) / max(default_duration(scene.drive), 1e-9)
-    rates = [RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if RATE * factor <= most]
+    rates = [DEFAULT_RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if DEFAULT_RATE * factor <= most]
     met = [rate for rate in rates if np.abs(times * rate - np.rint(times * rate)).max() < 1e-6]
-    return (met or rates[-1:] or [RATE])[0]
+    return (met or rates[-1:] or [DEFAULT_RATE])[0]
 
 
 def with_mass(scene: Scene, mass: float) -> Scene:

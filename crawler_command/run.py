@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from crawler_model import CrawlerError
-from crawler_ros.wire.facts import STANDS_STILL
+from crawler_ros.wire.facts import LogText
 
 from . import controller as controller_process
 from .processes import Process, node_command
@@ -45,9 +45,9 @@ class _Simulator(Process):
         for line in self.new_lines():
             if re.search(r"\[(WARN|ERROR|FATAL)\]|compiling", line):
                 print(line, file=sys.stderr)
-                self.is_deaf |= "of its messages is received" in line or "nothing passes" in line
-                self.stands_still |= STANDS_STILL in line
-            elif re.search(r"\[crawler\]: (recorded|stopped after) |waiting for commands on", line):
+                self.is_deaf |= LogText.NONE_RECEIVED in line or LogText.NOTHING_PASSES in line
+                self.stands_still |= LogText.STANDS_STILL in line
+            elif any(text in line for text in (LogText.RECORDED, LogText.STOPPED, LogText.WAITING)):
                 self.noted += f"{line}\n"
 
 
@@ -108,7 +108,7 @@ def run_controller(
         last = simulator.last_line()
         simulator.relay()
     # SIGINT may find a simulator that leaves because its duration is over
-    has_failed = simulator.status != 0 and not (simulator.status == 130 and "stopped after" in simulator.noted)
+    has_failed = simulator.status != 0 and not (simulator.status == 130 and LogText.STOPPED in simulator.noted)
     if has_failed and not received:
         raise CrawlerError(f"the simulator failed: {last}")
     if status is None and simulator.stands_still and not received:
@@ -116,7 +116,7 @@ def run_controller(
         raise CrawlerError(f"{controller} was ended: {why}")
     if status is None and duration is None and not received:
         raise CrawlerError(f"the simulator ended before the controller: {last}")
-    if status == 0 and "no command was received" in simulator.noted:
+    if status == 0 and LogText.UNCOMMANDED in simulator.noted:
         hint = (
             "; let it wait until its publisher has a subscriber (get_subscription_count() > 0), and after its last "
             "command for the next state"
@@ -124,8 +124,8 @@ def run_controller(
         hint = ": the warning above names the reason" if simulator.is_deaf else hint
         raise CrawlerError(f"{controller} ended before the simulator received a command{hint}")
     how = "was ended" if status is None else f"ended with status {status}"
-    stopped = re.findall(r"stopped after .*", simulator.noted)
-    recorded = re.findall(r"recorded .*", simulator.noted)
+    stopped = re.findall(rf"\]: ({LogText.STOPPED.value}.*)", simulator.noted)
+    recorded = re.findall(rf"\]: ({LogText.RECORDED.value}.*)", simulator.noted)
     screen.print("; ".join([f"{controller.name} {how}", *(f"simulator {text}" for text in stopped), *recorded]))
     raise typer.Exit(128 + received[0] if received else status or 0)
 
@@ -176,7 +176,7 @@ def _await_first_state(simulator: _Simulator, received: list[int]) -> None:
                 refusal = simulator.last_line().removeprefix("simulator: ")
                 raise CrawlerError(f"the simulator has not started: {refusal}")
             simulator.relay()
-            if deadline is None and "waiting for commands" in simulator.noted:
+            if deadline is None and LogText.WAITING in simulator.noted:
                 deadline = time.monotonic() + _ANSWERS_S
             if deadline is not None and time.monotonic() > deadline:
                 raise CrawlerError(

@@ -12,7 +12,7 @@ import typer
 from rich.table import Column, Table
 
 from crawler_model import CrawlerError
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.numbers import error_of, write_energy, write_length
 
@@ -105,7 +105,7 @@ def write_tables(run: Trajectory, parquet: Path | None, csv: Path | None, progre
 def simulate_command(
     scene: SceneArgument,
     duration: DurationOption = None,
-    rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = RATE,
+    rate: Annotated[float, typer.Option(help="Ticks per second, Hz.")] = DEFAULT_RATE,
     method: MethodOption = MethodName.auto,
     parquet: Annotated[
         Path | None, typer.Option(help="The .parquet table to write, with a row for the end of each tick.")

@@ -1,7 +1,7 @@
 """Solution of K_SS u = r for many right-hand sides at once: the sliding contacts, with the stuck ones given.
 
-The springs are a band of conductances, in the order of `motion.line.build.order_contacts`; a chain is a band of width 1
-in its own order. The elimination only adds conductances, as `motion.line.mesh` does.
+The springs are a band of conductances, in the order of `motion.line.build_records.order_contacts`; a chain is a band
+of width 1 in its own order. The elimination only adds conductances, as `motion.line.mesh` does.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def build_band(body: Body, springs: np.ndarray) -> Band:
     """
     place, width = np.arange(body.contacts), 1
     if not body.is_chain:
-        from crawler_model.motion.line.build import order_contacts
+        from crawler_model.motion.line.build_records import order_contacts
 
         place, width = order_contacts(body)
     ends = np.sort(place[body.ends], axis=1)

@@ -19,7 +19,7 @@ from crawler_model.errors import CommandError, SceneError
 from crawler_model.notebook import write_html, write_numbers
 from crawler_model.run.screw import largest_distance
 from crawler_model.run.simulate import default_duration, simulate
-from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_ends
+from crawler_model.run.ticks import DEFAULT_RATE, check_duration, count_ticks, rational_rate, tick_ends
 from crawler_model.run.trajectory import Trajectory
 from crawler_model.scene.assembly import Assembly
 from crawler_model.scene.file import coerce_scene
@@ -140,7 +140,7 @@ class Sensitivities:
 
 
 def sensitivities(
-    scene: Scene | str | Path, keys: Sequence[str], duration: float | None = None, rate: float = RATE
+    scene: Scene | str | Path, keys: Sequence[str], duration: float | None = None, rate: float = DEFAULT_RATE
 ) -> Sensitivities:
     """Differentiate a run of a scene with respect to its numbers.
 

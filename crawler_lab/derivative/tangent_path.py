@@ -14,7 +14,7 @@ from crawler_model.crawler.budget import default_budget
 from crawler_model.errors import CommandError
 from crawler_model.motion.account import OVERSPENT, UNSOLVED, empty_account
 from crawler_model.motion.follow import build_motion
-from crawler_model.motion.line.build import build_curves
+from crawler_model.motion.line.build_records import build_curves
 from crawler_model.motion.line.records import zeros
 from crawler_model.motion.line.springs.records import Curves
 from crawler_model.motion.pieces import FROM, HEADER, PIECES_A_RAMP, RAMP, UNTIL, follow_pieces

@@ -15,7 +15,7 @@ import numpy as np
 
 from crawler_model import CommandError, Crawler, Scene
 from crawler_model.motion.jump import Jump
-from crawler_model.run.ticks import RATE, rational_rate, tick_end_ns
+from crawler_model.run.ticks import DEFAULT_RATE, rational_rate, tick_end_ns
 
 from .controls import Clock, Controls, Settings
 
@@ -59,7 +59,7 @@ class Tick:
 class Session:
     """A crawler, its settings, and all ticks since its start."""
 
-    def __init__(self, scene: Scene, rate: float = RATE) -> None:
+    def __init__(self, scene: Scene, rate: float = DEFAULT_RATE) -> None:
         """Start a session at rest.
 
         Args:

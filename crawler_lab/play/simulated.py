@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler_model import CommandError, Scene, load_scene, prepare
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 
 from .controls import read_speed
 from .export import KEPT
@@ -28,7 +28,7 @@ class Simulated(Robot):
     keeps = tuple(KEPT)
     simulated = True
 
-    def __init__(self, scene: Scene, rate: float = RATE, lesson: Lesson | None = None) -> None:
+    def __init__(self, scene: Scene, rate: float = DEFAULT_RATE, lesson: Lesson | None = None) -> None:
         """Start a session.
 
         Args:

@@ -21,7 +21,7 @@ from crawler_model.crawler.crawler import Crawler
 from crawler_model.crawler.method import METHODS, Method
 from crawler_model.errors import CommandError, CrawlerError, SceneError
 from crawler_model.run.simulate import default_duration
-from crawler_model.run.ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
+from crawler_model.run.ticks import DEFAULT_RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from crawler_model.run.transport import length_of
 from crawler_model.scene.scene import Scene
 
@@ -48,7 +48,7 @@ class Settings:
     """
 
     duration: float | None = None
-    rate: float = RATE
+    rate: float = DEFAULT_RATE
     method: Method | None = None
 
     def check(self) -> None:
@@ -78,7 +78,7 @@ def _check_scenes(scenes: Any) -> None:
 def simulate_many(
     scenes: Sequence[Scene],
     duration: float | None = None,
-    rate: float = RATE,
+    rate: float = DEFAULT_RATE,
     method: Method | None = None,
     workers: int | None = None,
     progress: Callable[[float], None] | None = None,

@@ -10,12 +10,12 @@ import typer
 
 from crawler_command.screen import SceneArgument, require, screen
 from crawler_model import CrawlerError
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 
 
 def play(
     scene: SceneArgument,
-    rate: Annotated[float, typer.Option(help="Ticks per simulated second, Hz.")] = RATE,
+    rate: Annotated[float, typer.Option(help="Ticks per simulated second, Hz.")] = DEFAULT_RATE,
     port: Annotated[int, typer.Option(help="Port on 127.0.0.1; 0 for any free one.", min=0, max=65535)] = 0,
     state: Annotated[str | None, typer.Option(help="The end of a link to a state, behind #state=.")] = None,
     ros: Annotated[

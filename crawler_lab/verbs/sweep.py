@@ -18,7 +18,7 @@ from crawler_command.screen import (
     progress_bar,
     require,
 )
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 
 
 @takes_page
@@ -37,7 +37,7 @@ def sweep(
     duration: DurationOption = None,
     rate: Annotated[
         float, typer.Option(help="Ticks per second, Hz; the result of exact does not depend on it.")
-    ] = RATE,
+    ] = DEFAULT_RATE,
     method: MethodOption = MethodName.auto,
     workers: Annotated[
         int | None, typer.Option(help="Number of parallel runs; by default one per core.", min=1)

@@ -62,7 +62,7 @@ class Regions:
         nearest = np.abs(self.normals[of] @ point - self.offsets[of]).argmin()
         return np.asarray(sign * self.normals[of][nearest])
 
-    def stay(self, region: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def keep_clear(self, region: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Determine which straight ways do not come near a border.
 
         Args:

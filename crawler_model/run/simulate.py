@@ -18,7 +18,7 @@ from ..theory.uniqueness import Undecided, commanded_margin
 from .account import Energy, TickEnergies, Total, average_displacement
 from .inertia import Inertia, start_meter
 from .screw import follow_turning, gain_in_frame
-from .ticks import RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
+from .ticks import DEFAULT_RATE, check_duration, count_ticks, rational_rate, tick_end_ns, tick_ends
 from .trajectory import TimedJump, Trajectory
 from .wall_pushes import find_pushes
 
@@ -47,7 +47,7 @@ def default_duration(drive: Drive) -> float:
 def simulate(
     scene: Plan,
     duration: float | None = None,
-    rate: float = RATE,
+    rate: float = DEFAULT_RATE,
     method: Method | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:

@@ -9,7 +9,7 @@ import numpy as np
 from ..body.drive import NS
 from ..errors import CommandError
 
-RATE = 100.0
+DEFAULT_RATE = 100.0
 """Ticks per second where none are asked for, here and in the parameters of the node [Hz]."""
 
 

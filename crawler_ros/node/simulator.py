@@ -17,7 +17,7 @@ from crawler_model.run.ticks import rational_rate
 from crawler_model.theory.regularity import check_regularity
 from crawler_model.theory.uniqueness import commanded_margin
 
-from ..wire.facts import STANDS_STILL
+from ..wire.facts import LogText
 from ..wire.measured import MEASURED, MeasuredStates, find_sensors
 from ..wire.messages import encode_diagnostics, encode_string
 from ..wire.topics import message_class, open_publisher, qos_in_use, read_services, read_topics
@@ -125,8 +125,8 @@ class Simulator(QuietNode):
         self._next_diagnostics_ns = self._logged_lag_ns = self._silent_ns = self._refuses_ns = 0
         name, topics = self.get_fully_qualified_name(), map(self.resolve_topic_name, self.intake.arrivals)
         self.get_logger().info(
-            f"{self.scene.name}: {self.scene.body.describe()}, {crawler.method} at {float(rate):g} Hz; waiting "
-            f"for commands on {', '.join(topics)}; services {name}/pause, {name}/step, {name}/reset"
+            f"{self.scene.name}: {self.scene.body.describe()}, {crawler.method} at {float(rate):g} Hz; "
+            f"{LogText.WAITING.value} {', '.join(topics)}; services {name}/pause, {name}/step, {name}/reset"
         )
 
     def _open_topics(self) -> None:
@@ -374,7 +374,7 @@ class Simulator(QuietNode):
         if wall_ns - self._refuses_ns > _REFUSES_NS:
             self._refuses_ns = sys.maxsize  # once
             which = f"all {received} command(s) so far were" if all_refused else "the last command was"
-            self.throttle.warn("silence", f"{which} {STANDS_STILL}")
+            self.throttle.warn("silence", f"{which} {LogText.STANDS_STILL.value}")
 
     def close(self) -> None:
         """Report for the last time, close the recording and the viewer, and remove the node from the graph."""
@@ -383,13 +383,13 @@ class Simulator(QuietNode):
         if self.recorder is not None:
             self.recorder.close()
             if self.recorder.error is None:
-                self.get_logger().info(f"recorded {self.recorder.folder}")
+                self.get_logger().info(f"{LogText.RECORDED.value}{self.recorder.folder}")
         if self.feed is not None:
             self.feed.close()
         refused = self.intake.refusals.total
         more = f"; {refused} message(s) were refused" if refused else ""
-        more = more if self.intake.received else "; no command was received"
-        self.get_logger().info(f"stopped after {self.tick_clock.describe(wall_ns)}{more}")
+        more = more if self.intake.received else f"; {LogText.UNCOMMANDED.value}"
+        self.get_logger().info(f"{LogText.STOPPED.value}{self.tick_clock.describe(wall_ns)}{more}")
         self.leave()
 
 

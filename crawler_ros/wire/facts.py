@@ -12,8 +12,6 @@ from enum import Enum
 
 REFUSED_ON = "refused on "
 """The start of a key that counts the messages refused on a topic, for all reasons or for one."""
-STANDS_STILL = "refused, and in lock-step nothing moves without one"
-"""The end of the line in a simulator's log that tells why nothing moves any more, by which others recognise it."""
 _REASON = re.compile(rf"{REFUSED_ON}(?P<topic>\S+): (?P<why>.*)", re.S)
 _TIMES = re.compile(r"(?P<count>\d+), first at (?P<first>\S+) s, last at (?P<last>\S+) s")
 
@@ -64,6 +62,23 @@ class Fact(str, Enum):
     LOST = "lost"
     WAITING = "rows waiting"
     """A number `of` the largest number."""
+
+
+class LogText(str, Enum):
+    """A part of a line in a simulator's log by which `crawler run` recognises what the line reports."""
+
+    WAITING = "waiting for commands on"
+    RECORDED = "recorded "
+    """With the folder of the recording."""
+    STOPPED = "stopped after "
+    """With what was counted; the simulator ends as it was meant to."""
+    UNCOMMANDED = "no command was received"
+    NOTHING_PASSES = "nothing passes between it and this node"
+    """A peer of a topic whose messages cannot arrive."""
+    NONE_RECEIVED = "none of its messages is received"
+    """A publisher that the simulator cannot hear."""
+    STANDS_STILL = "refused, and in lock-step nothing moves without one"
+    """Why nothing moves any more."""
 
 
 _ROWS_DROPPED_BEFORE = "dropped because "

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from crawler_model import simulate
-from crawler_model.run.ticks import RATE
+from crawler_model.run.ticks import DEFAULT_RATE
 
 from ..pages import (
     KNOWN,
@@ -216,7 +216,7 @@ def test_the_references_are_what_the_generator_writes():
 
 def test_a_node_ticks_at_the_rate_of_python_and_of_the_commands():
     parameters = yaml.safe_load((ROOT / "msgs_config" / "simulator.yaml").read_text(encoding="utf-8"))
-    assert parameters["rate"]["default"] == RATE == inspect.signature(simulate).parameters["rate"].default
+    assert parameters["rate"]["default"] == DEFAULT_RATE == inspect.signature(simulate).parameters["rate"].default
 
 
 def test_the_picture_of_the_architecture_names_every_room():

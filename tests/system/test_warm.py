@@ -203,6 +203,9 @@ def test_no_body_on_a_line_needs_other_kernels(monkeypatch, links, between):
         "friction": {"forward": 0.2, "backward": 0.5},
         "drive": {"times": [0.0, 1.0], "actuation": [[0.0] * len(between), [1.0] * len(between)]},
     }
+    if links == "linear":  # and what has no ground that varies compiles nothing for it
+        even = types_of(monkeypatch, Scene.model_validate(document))
+        assert even == types_of(monkeypatch, example_of(Kind.line if len(between) == 2 else Kind.graphs))
     scenes = [document, *(document | {"ground": ground} for ground in GROUNDS)]
     if links == "linear":
         scenes += [scene | {"friction": scene["friction"] | ADDED} for scene in scenes]

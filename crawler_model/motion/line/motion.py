@@ -17,7 +17,7 @@ from ..account import WORK, dissipated
 from ..jump import Jump
 from ..margin import visited_margin
 from ..pieces import CHANGE, NO_PIECES, locate_parts
-from . import build
+from . import build_records
 from .follow import follow
 from .ground.borders import ROUNDING
 from .records import BACKWARD, CONTACT_STATE, FOOT_STATE, FORWARD, JUMP, RAMP, SPRING_STATE, copy_records, zeros
@@ -210,35 +210,45 @@ class LineMotion:
     @property
     def samples_margin(self) -> bool:
         """Whether an exact ramp samples its visited margin only at its ends, as in large bodies."""
-        return self.body.contacts > build.FEW_CONTACTS
+        return self.body.contacts > build_records.FEW_CONTACTS
 
     def start(self, x: np.ndarray, target: np.ndarray) -> LineState:
         """Build the state at rest, see `Motion`; a contact within rounding of a border stands on it."""
         commanded, backlash = target[..., : self.body.springs], self.body.backlash
-        springs = build.build_springs(self.body, x, self.body.start_lengths(commanded))
+        springs = build_records.build_springs(self.body, x, self.body.start_lengths(commanded))
         bounds = target[..., self.body.springs :]
         loaded, feet = bounds.shape[-1] > 2 * self.body.contacts, None
         if self.track is not None:
             place = self.track.find_places(self.body.position, x)
-            feet = build.build_feet(self.body, self.track, x, place, bounds)
+            feet = build_records.build_feet(self.body, self.track, x, place, bounds)
             bounds = np.concatenate(self.track.local_bounds(bounds, self.body.position, x))
-        contacts = build.build_contacts(self.body, x, springs["tension"], bounds)
+        contacts = build_records.build_contacts(self.body, x, springs["tension"], bounds)
         if feet is not None:
             contacts["bounds_met"] &= ~feet["walled"]
-        sliders = build.build_sliders(self.body, springs["elongation"])
+        sliders = build_records.build_sliders(self.body, springs["elongation"])
         led = None if backlash is None else commanded[..., backlash.springs].copy()
         return LineState(contacts, springs, sliders, loaded, feet, led, backlash)
 
     def scratch(self) -> Scratch:
         """Allocate the working memory of a ramp, see `Motion`."""
         ramps = zeros(1, RAMP)
-        ramps["search"]["leaf_size"], ramps["search"]["shortest"] = build.LEAF_SIZE, build.SHORTEST_BLOCK
-        ramps["search"]["projects_after"], ramps["search"]["patience"] = build.PROJECTS_AFTER, build.PATIENCE
-        ramps["few"], ramps["together"], ramps["turns"] = build.FEW_CONTACTS, build.TOGETHER, build.TURNS
-        couplings = build.build_couplings(self.body, self.track)
+        ramps["search"]["leaf_size"], ramps["search"]["shortest"] = (
+            build_records.LEAF_SIZE,
+            build_records.SHORTEST_BLOCK,
+        )
+        ramps["search"]["projects_after"], ramps["search"]["patience"] = (
+            build_records.PROJECTS_AFTER,
+            build_records.PATIENCE,
+        )
+        ramps["few"], ramps["together"], ramps["turns"] = (
+            build_records.FEW_CONTACTS,
+            build_records.TOGETHER,
+            build_records.TURNS,
+        )
+        couplings = build_records.build_couplings(self.body, self.track)
         ramps["search"]["chain"] = self.body.is_chain and couplings is None
-        memory = build.build_memory(self.body, self.track)
-        falls = () if self.track is None else build.build_falls(self.body, self.track)
+        memory = build_records.build_memory(self.body, self.track)
+        falls = () if self.track is None else build_records.build_falls(self.body, self.track)
         return Scratch(ramps, memory, ramps["budget"], ramps["exact"], falls, couplings)
 
     def memory_for(self, state: LineState, scratch: Scratch) -> tuple[Any, ...]:

@@ -11,7 +11,7 @@ from .ground.couplings import couplings_of, find_kink
 from .ground.gradual import find_catch
 from .ground.walls import blocked_sides, find_wall
 from .records import BACKWARD, FORWARD, KNOT
-from .springs.bends import find_knot
+from .springs.bends import find_next_knot
 from .tournament import schedule
 
 
@@ -48,7 +48,7 @@ def _find_knots(contacts, c, springs, ends, curves, ramp, when):
     for k in range(c.first, c.last):
         spring = springs[ends[k].spring]
         if ends[k].sign > 0.0 and spring.bend >= 0:
-            knot = find_knot(contacts, spring, curves, ramp)
+            knot = find_next_knot(contacts, spring, curves, ramp)
             if knot < when:
                 when = knot
                 c.coming = KNOT

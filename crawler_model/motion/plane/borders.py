@@ -193,8 +193,8 @@ class Crossing:
         state, regions, allowed = self.state, self.regions, _BEYOND * self.tolerance
         start, end = (self.state.frame.position + s.displacement for s in (before, state))
         crossed, first, farthest = {}, 1.0, 0.0
-        stays = regions.stay(before.region, start, end)
-        for i in self.touching[~stays[self.touching]].tolist():
+        clear = regions.keep_clear(before.region, start, end)
+        for i in self.touching[~clear[self.touching]].tolist():
             fraction, region = regions.cross(int(before.region[i]), start[i], end[i])
             if fraction < 1.0:
                 length = float(np.hypot(*(end[i] - start[i])))

@@ -7,6 +7,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ...wire.facts import LogText
+
 TRIGGERS = (
     "joint_trajectory",
     "actuation_controller/commands",
@@ -156,8 +158,8 @@ def publishers_of_other_types(node: Any, topic: str, kind: str) -> list[str]:
     """
     full = node.resolve_topic_name(topic)
     return [
-        f"{_name_of(i.node_namespace, i.node_name)} publishes {i.topic_type} on {full}, which takes {kind}: none of "
-        "its messages is received"
+        f"{_name_of(i.node_namespace, i.node_name)} publishes {i.topic_type} on {full}, which takes {kind}: "
+        f"{LogText.NONE_RECEIVED.value}"
         for i in node.get_publishers_info_by_topic(full)
         if i.topic_type != kind
     ]

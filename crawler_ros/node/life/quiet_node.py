@@ -10,6 +10,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.node import Node
 from rclpy.qos import qos_policy_name_from_kind
 
+from ...wire.facts import LogText
 from ..intake.refusals import Throttle
 
 _MOST_WARNED = 100
@@ -66,11 +67,11 @@ class QuietNode(Node):
     def _warnings(self, topic: str, peer: str) -> dict[str, Any]:
         def on_qos(event: Any) -> None:
             policy = qos_policy_name_from_kind(event.last_policy_kind)
-            text = f"a {peer} of {topic} has incompatible QoS ({policy}): nothing passes between it and this node"
+            text = f"a {peer} of {topic} has incompatible QoS ({policy}): {LogText.NOTHING_PASSES.value}"
             self.throttle.warn(f"{peer} of {topic}", text)
 
         def on_type(_: Any) -> None:
-            text = f"a {peer} of {topic} has another message type: nothing passes between it and this node"
+            text = f"a {peer} of {topic} has another message type: {LogText.NOTHING_PASSES.value}"
             self.throttle.warn(f"{peer} of {topic}", text)
 
         return {"incompatible_qos": on_qos, "incompatible_type": on_type}

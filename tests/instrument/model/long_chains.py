@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene, Step
-from crawler_model.motion.line import build
+from crawler_model.motion.line import build_records
 
 from .chains import scene
 
@@ -31,9 +31,9 @@ def follow(
     **more: int,
 ):
     """Follow a drive with contacts that fall asleep in blocks of `shortest`, in leaves of `leaf_size`."""
-    monkeypatch.setattr(build, "LONG", shortest)
-    monkeypatch.setattr(build, "SHORTEST_BLOCK", shortest)
-    monkeypatch.setattr(build, "LEAF_SIZE", leaf_size)
+    monkeypatch.setattr(build_records, "LONG", shortest)
+    monkeypatch.setattr(build_records, "SHORTEST_BLOCK", shortest)
+    monkeypatch.setattr(build_records, "LEAF_SIZE", leaf_size)
     crawler = Crawler(scene, **more)
     found: list[tuple[np.ndarray, np.ndarray, Step]] = []
     for row in rows:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from crawler_model.motion.line import build
+from crawler_model.motion.line import build_records
 
 from . import test_laws
 
@@ -44,7 +44,7 @@ def test_it_is_obeyed(
     monkeypatch: pytest.MonkeyPatch, law: Callable[..., None], forced: str, kind: str, method: str
 ) -> None:
     for name, value in FORCED[forced].items():
-        monkeypatch.setattr(build, name, value)
+        monkeypatch.setattr(build_records, name, value)
     law(kind=kind, method=method)
 
 

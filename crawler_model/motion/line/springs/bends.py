@@ -337,7 +337,7 @@ def find_yielding(bend, pieces, ramp, z, length, rate, stretch):
 
 
 @lean
-def find_knot(contacts, spring, curves, ramp):
+def find_next_knot(contacts, spring, curves, ramp):
     """Find when a bent spring comes to its next knot.
 
     Returns:

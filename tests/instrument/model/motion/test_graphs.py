@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from crawler_model import Crawler, Scene, SceneError, load_scene
-from crawler_model.motion.line import build
+from crawler_model.motion.line import build_records
 
 Between = list[tuple[int, int]]
 
@@ -164,10 +164,10 @@ def test_a_command_that_is_in_force_changes_nothing() -> None:
 
 
 def test_contacts_that_are_joined_too_widely_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "_MOST_NUMBERS", 8)
+    monkeypatch.setattr(build_records, "_MOST_NUMBERS", 8)
     body = {"contacts": [0, 1, 2], "links": {"stiffness": 1.0, "between": [[0, 1], [1, 2], [0, 2]]}}
     triangle = {"name": "t", "body": body, "friction": {"isotropic": 1.0}}
     assert Crawler(Scene.model_validate(triangle)).advance([0.0] * 3).unique
-    monkeypatch.setattr(build, "_MOST_NUMBERS", 5)
+    monkeypatch.setattr(build_records, "_MOST_NUMBERS", 5)
     with pytest.raises(SceneError, match=r"the links of 3 contacts need a band matrix with 6.0e\+00 entries"):
         Crawler(Scene.model_validate(triangle | {"name": "other"}))

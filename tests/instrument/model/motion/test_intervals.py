@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crawler_model import CommandError, Crawler, Scene, Step
-from crawler_model.motion.line import build
+from crawler_model.motion.line import build_records
 
 from ..bent_bodies import draw_body
 
@@ -36,7 +36,7 @@ def stalling(contacts: int) -> Crawler:
 
 
 @pytest.mark.parametrize("parts", [1, 2, 7, 512])
-@pytest.mark.parametrize("contacts", [2, 3, build.FEW_CONTACTS, build.FEW_CONTACTS + 1, 400])
+@pytest.mark.parametrize("contacts", [2, 3, build_records.FEW_CONTACTS, build_records.FEW_CONTACTS + 1, 400])
 def test_a_motor_that_stalls_as_a_ramp_ends_leaves_the_next_one_open(contacts, parts):
     """The first contact may follow by 0.5 m or not, in one ramp or in many."""
     crawler = stalling(contacts)
@@ -48,7 +48,7 @@ def test_a_motor_that_stalls_as_a_ramp_ends_leaves_the_next_one_open(contacts, p
 
 
 @pytest.mark.parametrize("end", [0.75, 0.5, 0.25, 0.0])
-@pytest.mark.parametrize("contacts", [2, 3, build.FEW_CONTACTS + 1])
+@pytest.mark.parametrize("contacts", [2, 3, build_records.FEW_CONTACTS + 1])
 def test_a_contact_that_followed_stays_there_as_the_command_returns(contacts, end):
     """Where it had not followed, the motor is no longer at its limit; friction holds the contact in both places."""
     crawler = stalling(contacts)
@@ -121,7 +121,7 @@ def compare(documents: list[dict[str, Any]], change: Any, **how: int) -> int:
 
 @pytest.mark.parametrize("first", [0, 100])
 def test_contacts_that_rest_beside_a_body_change_nothing(first):
-    assert compare(random_bodies(first, 40), lambda document: padded(document, build.FEW_CONTACTS)) > 2
+    assert compare(random_bodies(first, 40), lambda document: padded(document, build_records.FEW_CONTACTS)) > 2
 
 
 @pytest.mark.parametrize("first", [0, 1000])
@@ -129,12 +129,12 @@ def test_looking_only_where_rates_are_new_changes_nothing(first, monkeypatch):
     documents = random_bodies(first, 200)
 
     def lean(document: dict[str, Any]) -> dict[str, Any]:
-        monkeypatch.setattr(build, "FEW_CONTACTS", 0)
+        monkeypatch.setattr(build_records, "FEW_CONTACTS", 0)
         return document
 
     several = 0
     for document in documents:
-        monkeypatch.setattr(build, "FEW_CONTACTS", 256)
+        monkeypatch.setattr(build_records, "FEW_CONTACTS", 256)
         several += compare([document], lean)
     assert several > 10
 

@@ -26,7 +26,7 @@ from crawler_model.motion.account import (
     WORK,
     empty_account,
 )
-from crawler_model.motion.line import build
+from crawler_model.motion.line import build_records
 from crawler_model.motion.line.motion import LineMotion
 
 from ..chains import from_rows
@@ -111,10 +111,10 @@ def test_motion_account_and_interval_do_not_depend_on_which_contacts_sleep(
     ambiguous = 0
     for number, (body, rows) in enumerate(drawn):
         if body.is_chain:
-            monkeypatch.setattr(build, "LONG", 10**9)
+            monkeypatch.setattr(build_records, "LONG", 10**9)
             expected, other = follow(LineMotion(body), rows)
             for name, value in (("LONG", 2), ("LEAF_SIZE", 2), ("SHORTEST_BLOCK", 2)):
-                monkeypatch.setattr(build, name, value)
+                monkeypatch.setattr(build_records, name, value)
             x, account = follow(LineMotion(body), rows)
             np.testing.assert_allclose(x, expected, rtol=0, atol=1e-13, err_msg=str(number))
             np.testing.assert_allclose(account[[*SAME]], other[[*SAME]], rtol=1e-12, atol=1e-13, err_msg=str(number))

@@ -10,7 +10,7 @@ import pytest
 
 from crawler_model import Crawler, Scene, load_scene, simulate
 from crawler_model.body.drive import NS
-from crawler_model.motion.line.build import LEAF_SIZE
+from crawler_model.motion.line.build_records import LEAF_SIZE
 
 from ....scenes import wave_scene
 from ..long_chains import NEVER, Row, assert_same, chain, follow
