@@ -23,6 +23,8 @@ from .screen import SceneArgument, require, screen
 
 _LOG = {"RCUTILS_CONSOLE_OUTPUT_FORMAT": "[{severity}] [{time}] [{name}]: {message}", "RCUTILS_COLORIZED_OUTPUT": "0"}
 """The form in which the log of the simulator is read here."""
+_LIFE = re.compile(rf"\[crawler\]: ({LogText.RECORDED.value}|{LogText.STOPPED.value})|{LogText.WAITING.value}")
+"""Lines of this log that are not shown, but noted."""
 _LOOKS_S = 0.02
 """Time between two looks at the processes."""
 _ANSWERS_S = 60.0
@@ -47,7 +49,7 @@ class _Simulator(Process):
                 print(line, file=sys.stderr)
                 self.is_deaf |= LogText.NONE_RECEIVED in line or LogText.NOTHING_PASSES in line
                 self.stands_still |= LogText.STANDS_STILL in line
-            elif any(text in line for text in (LogText.RECORDED, LogText.STOPPED, LogText.WAITING)):
+            elif _LIFE.search(line):
                 self.noted += f"{line}\n"
 
 

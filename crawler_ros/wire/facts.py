@@ -1,6 +1,6 @@
-"""The keys of `/diagnostics`, by which the gait player, replay and other programs read what a simulator counted.
+"""The keys of `/diagnostics` and the parts of log lines by which other programs read what a simulator reports.
 
-Keys are stable; messages next to them are sentences for people and may change.
+They are stable; the words next to them are sentences for people and may change.
 """
 
 from __future__ import annotations
