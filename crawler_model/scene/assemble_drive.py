@@ -50,6 +50,8 @@ def assemble_drive(
     if part.times is None:
         return _build_waves(body, columns, part, friction, doubts)
     times = read_numbers(part.times)
+    if times.size == 0:
+        raise SceneError("drive.times: empty; give at least the time 0")
     count = times.shape[-1]
     if parts.dimension == 2 and body.turning is None:
         actuation = _planar_rows(part.actuation, count, body.springs)
@@ -197,8 +199,6 @@ def _build_waypoints(
     times: np.ndarray, period: Any, rows: np.ndarray, columns: Columns, doubts: np.ndarray | None
 ) -> Drive:
     """Build and check a drive: times (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s]."""
-    if times.size == 0:
-        raise SceneError("drive.times: the first time must be 0")
     _check_times(times, period, doubts)
     frictions = slice(columns.lengths, columns.lengths + columns.frictions)
 

@@ -100,6 +100,7 @@ WRONG = [
     ),
     ("drive/times", [0, 0], "drive.times: entry 1 (0 s) does not come after entry 0"),
     ("drive/times", [1, 2], "drive.times: the first time must be 0"),
+    ("drive", {"times": [], "actuation": []}, "drive.times: empty; give at least the time 0"),
     ("drive/times", [0, 1, 2], "drive.actuation: 2 row(s) for 3 time(s)"),
     ("drive/actuation", [[0, 0], [1]], "drive.actuation: row 1: 1 value(s) for 2 link(s)"),
     ("drive/actuation", None, "drive: `actuation` is missing"),
