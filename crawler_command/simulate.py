@@ -190,14 +190,18 @@ def _check_certificate(run: Trajectory) -> None:
         return
     springs = run.scene.body.springs
     friction = float(abs(run.scene.drive.targets[:, springs : springs + 2 * run.scene.body.contacts]).max())
+    cause = (
+        "forces or stiffnesses of the scene are too far apart for floating-point numbers: bring them closer together"
+        if friction
+        else "no contact has friction, so that nothing determines where the body is: give friction to at least one"
+    )
     for what, value, of in (
         ("the energy balance is off by", run.energy.relative_residual, "of the energy turned over"),
         ("a spring force exceeds its bound by", run.violation / (friction or 1.0), "of the largest friction"),
     ):
         if not value <= _MISSED:
             raise CrawlerError(
-                f"{run.scene.name}: the result is not exact: {what} {value:.1e} {of}, more than {_MISSED:g}; forces or "
-                "stiffnesses of the scene are too far apart for floating-point numbers: bring them closer together"
+                f"{run.scene.name}: the result is not exact: {what} {value:.1e} {of}, more than {_MISSED:g}; {cause}"
             )
 
 

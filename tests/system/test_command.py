@@ -535,7 +535,18 @@ def test_a_run_that_is_not_exact_is_an_error_behind_its_numbers(tmp_path, flags)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "strong: the result is not exact: the energy balance is off by" in done.stderr
+    assert "forces or stiffnesses of the scene are too far apart" in done.stderr
     assert done.stdout
+
+
+def test_without_any_friction_the_error_is_that_nothing_holds_the_body(tmp_path):
+    scene = tmp_path / "frictionless.yaml"
+    drive = "{times: [0, 1, 2], period: 2, actuation: [[0, 0], [0.05, 0], [0, 0]]}"
+    body = "{contacts: [0.0, 0.1, 0.2], links: {stiffness: 20.0}}"
+    scene.write_text(f"name: frictionless\nbody: {body}\nfriction: {{forward: 0, backward: 0}}\ndrive: {drive}\n")
+    message = bad("simulate", scene)
+    assert "no contact has friction, so that nothing determines where the body is" in message
+    assert "too far apart" not in message
 
 
 def name_scene(file: Path, name: str) -> str:
