@@ -12,7 +12,7 @@ from ..body.body import Body
 from ..body.curves import energy_of_sliders
 from ..body.plan import Plan, check_plan
 from ..errors import CommandError
-from ..motion.account import ACCOUNT_SIZE, empty_account
+from ..motion.account import ACCOUNT_SIZE, SPENT, empty_account
 from ..motion.follow import State, build_motion
 from ..notebook import write_html, write_numbers
 from .budget import default_budget
@@ -54,6 +54,11 @@ class Crawler:
         self._state: State = self._motion.start(scene.start_displacement, scene.drive.targets[0])
         self._row: np.ndarray | None = scene.drive.rows[0]  # as commanded; None if only the target is known
         self._scratch = self._motion.scratch()
+        on_line = scene.body.lengths + 2 * scene.body.contacts
+        self._widths = (
+            {scene.columns.index.size} if scene.body.dimension == 2 else {on_line, on_line + scene.body.contacts}
+        )
+        """Columns of targets; on a line without loads, and with loads."""
         simple = scene.columns.is_plain and getattr(self._motion, "simple", False)
         self._simple = scene.columns.plain_lengths if simple else None  # shape of usual commands
         self._nothing = np.append(empty_account(), np.zeros(self._state.displacement.size))
@@ -109,7 +114,11 @@ class Crawler:
         Returns:
             L of each spring at the end of each ramp, shape (V, S), in the plane (V, 2 S), with joints (V, S + J)
             [m, rad].
+
+        Raises:
+            CommandError: if `targets` has another shape.
         """
+        targets = self._check_targets(targets)
         backlash, lengths = self.body.backlash, targets[:, : self.body.lengths]
         return lengths if backlash is None else backlash.lead_along(self.actuation[backlash.springs], lengths)
 
@@ -235,7 +244,13 @@ class Crawler:
 
         Returns:
             The crawler. It differs by rounding from one that moved to this state.
+
+        Raises:
+            CommandError: if `displacement` or `target` has another shape.
         """
+        if np.shape(displacement) != self._state.displacement.shape:
+            raise CommandError(f"displacement: shape {np.shape(displacement)}; {self._state.displacement.shape} is right")
+        (target,) = self._check_targets(np.asarray(target)[None])
         other = self.copy()
         other._state, other._row = self._motion.start(displacement, target), None
         return other
@@ -366,11 +381,12 @@ class Crawler:
             The account of all ramps together.
 
         Raises:
-            CommandError: if nothing holds the body on the ground that it reaches, or a part of it behind slack springs;
-                the state does not change.
+            CommandError: if `targets` or `records` has another shape, or nothing holds the body on the ground that it
+                reaches, or a part of it behind slack springs; the state does not change.
         """
-        if targets.dtype is not FLOAT or not targets.flags.carray:  # one signature
-            targets = np.array(targets, dtype=np.float64, order="C")
+        targets = self._check_targets(targets)
+        if records is not None:
+            self._check_records(records, targets.shape[0])
         account = empty_account() if before is None else before.account.copy()
         jumps = self._motion.follow(
             self._state,
@@ -386,6 +402,24 @@ class Crawler:
         velocity.setflags(write=False)
         account.setflags(write=False)
         return Step(velocity, account, self.scene.body.share, jumps or ())
+
+    def _check_targets(self, targets: np.ndarray) -> np.ndarray:
+        """Return the targets in the one type of array that kernels take; these check no index."""
+        if np.ndim(targets) != 2 or targets.shape[1] not in self._widths:
+            count = self.scene.columns.index.size
+            raise CommandError(f"targets: shape {np.shape(targets)}; (V, {count}) is right, with rows from `target`")
+        if targets.dtype is not FLOAT or not targets.flags.carray:
+            return np.array(targets, dtype=np.float64, order="C")
+        return targets
+
+    def _check_records(self, records: np.ndarray, count: int) -> None:
+        """Refuse records into which kernels, which check no index, would write beyond the end."""
+        width = self._no_records.shape[1]
+        if records.dtype != FLOAT or records.shape not in {(count, width), (count, width + SPENT)}:
+            raise CommandError(
+                f"records: {records.dtype}, shape {records.shape}; float64, shape ({count}, {width}) or "
+                f"({count}, {width + SPENT}) is right"
+            )
 
 
 def prepare(scene: Plan) -> None:

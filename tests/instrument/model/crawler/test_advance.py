@@ -57,3 +57,29 @@ def test_commands_of_any_kind_of_numbers_are_equal():
     for crawler, command in zip(ours, ([0.25, 0.5], strided, fixed, np.float32([0.25, 0.5])), strict=True):
         crawler.advance(command)
         assert crawler == ours[0]
+
+
+@pytest.mark.parametrize("name", ["ten_contact_wave", "planar_rectilinear", "steering_inchworm"])
+def test_arrays_of_another_shape_are_refused_before_a_kernel_reads_beyond_them(name):
+    crawler = Crawler(load_scene(name))
+    targets = crawler.scene.drive.targets
+    count, width = targets.shape
+    records = np.zeros((count, 2 * crawler.displacement.size + crawler.tension.size))
+    before = crawler.copy()
+    for call in (
+        lambda: crawler.follow(targets[:, :-1]),
+        lambda: crawler.lengths_at(targets[:, :-1]),
+        lambda: crawler.placed(crawler.displacement, targets[0, :-1]),
+    ):
+        with pytest.raises(CommandError, match=rf"^targets: shape \(.*\(V, {width}\) is right"):
+            call()
+    with pytest.raises(CommandError, match=r"^targets: shape \("):
+        crawler.follow(targets[0])
+    for wrong in (records[:-1], records[:, :-1], records.astype(np.float32)):
+        with pytest.raises(CommandError, match=r"^records: float\d\d, shape \("):
+            crawler.follow(targets, wrong)
+    with pytest.raises(CommandError, match=r"^displacement: shape \("):
+        crawler.placed(crawler.displacement[:-1], targets[0])
+    assert crawler == before
+    crawler.follow(targets, records)
+    assert (records[-1, : crawler.displacement.size] == crawler.displacement.ravel()).all()
