@@ -249,7 +249,9 @@ class Crawler:
             CommandError: if `displacement` or `target` has another shape.
         """
         if np.shape(displacement) != self._state.displacement.shape:
-            raise CommandError(f"displacement: shape {np.shape(displacement)}; {self._state.displacement.shape} is right")
+            raise CommandError(
+                f"displacement: shape {np.shape(displacement)}; {self._state.displacement.shape} is right"
+            )
         (target,) = self._check_targets(np.asarray(target)[None])
         other = self.copy()
         other._state, other._row = self._motion.start(displacement, target), None

@@ -251,7 +251,7 @@ def _solve_chain(springs, block, ground, profile, ramp, count):
         e, behind = block[r], block[r + 1]
         if e.side == 0:
             e.force = behind.flow - e.flow
-            e.scale = abs(e.load)
+            e.scale = abs(e.load) + abs(behind.flow) + abs(e.flow)
             if behind.spring >= 0 and r + 1 < count:
                 e.scale += abs(springs[behind.spring].stiffness * behind.v)
             if r > 0:
@@ -299,6 +299,7 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
             for k in range(c.first, c.last):
                 o = contacts[ends[k].other]
                 pull = springs[ends[k].spring].stiffness * _velocity_of(block, o, c)
-                e.force += pull if ramp.stepping else ends[k].flow
-                e.scale += abs(pull)
+                term = pull if ramp.stepping else ends[k].flow
+                e.force += term
+                e.scale += abs(pull) + abs(term)
     return True

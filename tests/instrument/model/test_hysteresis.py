@@ -232,3 +232,36 @@ def test_mistakes_are_errors_of_one_line(link, start, message):
     with pytest.raises(SceneError, match=message) as error:
         scene_of([{"stiffness": 5.0} | link], [[0], [0.7], [0]], **given)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("elements", [5, 9, 10])
+def test_pulls_that_cancel_but_for_rounding_move_no_contact_on_gradual_ground(elements):
+    """Where two segments meet, commands pull a contact at its bound equally from both sides."""
+    segments = [
+        {"name": "trunk", "from": 0.0, "to": 0.5, "hysteresis": [{"stiffness": 3.0, "yield": 0.05}]},
+        {"name": "tail", "from": 0.5, "to": 1.0, "backlash": 0.01},
+    ]
+    of_both = {"stiffness": 2.0, "friction": {"forward": 0.1, "backward": 0.4}, "elements": elements}
+    rows = [[0.0, 0.0, 0.0], [0.3, 0.1, 0.1], [0.3, 0.2, 0.1], [0.0, 0.0, 0.0]]
+    scene = Scene.model_validate(
+        {
+            "name": "trunk_and_foot",
+            "body": {
+                "segments": [segment | of_both for segment in segments],
+                "contacts": [1.5],
+                "links": {"stiffness": 4.0, "between": [["tail.to", 0]]},
+            },
+            "friction": {"forward": 0.05, "backward": 0.2},
+            "ground": {
+                "profile": {"at": [0.0, 2.0], "friction": [1.0, 1.5]},
+                "walls": [{"at": 1.9, "stops": "forward", "contacts": [0]}],
+            },
+            "drive": {"times": [0.0, 1.0, 2.0, 3.0], "period": 3.0, "actuation": rows},
+        }
+    )
+    ticks, waypoints = (simulate(scene, duration=12.0, rate=rate) for rate in (100.0, 1.0))
+    for run in (ticks, waypoints):
+        assert run.unsolved == 0
+        assert run.energy.relative_residual < 1e-12
+        assert run.violation < 1e-13
+    assert ticks.waypoint_displacement == pytest.approx(waypoints.waypoint_displacement, abs=1e-12)

@@ -149,18 +149,11 @@ def _turns_unstable(contacts, springs, model, ground, profile, ramp, count):
 
 
 @inlined
-def _fits(c, block, ends, ramp, j):
+def _fits(e):
     """Determine whether a contact fulfils its condition; that of one at rest, within the rounding of its springs."""
-    e = block[j]
     if e.side != 0:
         return e.v * e.side > 0.0
-    close = e.scale + e.blur
-    if ramp.search.path > 0:
-        close += abs(block[j + 1].flow) + abs(e.flow)
-    else:
-        for k in range(c.first, c.last):
-            close += abs(ends[k].flow)
-    close *= _ROUNDING
+    close = _ROUNDING * (e.scale + e.blur)
     return e.lower - close <= e.force <= e.upper + close
 
 
@@ -213,7 +206,7 @@ def search_sides(contacts, springs, model, ground, ramp, count):
         fits = solve_mesh(contacts, springs, model, model.matrix, ramp, count)
         fits &= exchange_pieces(ground.couplings, False) == 0
         for j in range(count):
-            fits &= _fits(contacts[block[j].contact], block, model.ends, ramp, j)
+            fits &= _fits(block[j])
         if fits:
             found += 1
             for j in range(count):
