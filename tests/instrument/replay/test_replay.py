@@ -578,7 +578,8 @@ def test_a_rest_without_commands_says_so(tmp_path):
 def test_a_slip_in_a_ramp_of_no_duration_ends_the_rest_before_it(tmp_path):
     """An array and a trajectory in one tick: the length jumps at its start, and then follows the trajectory."""
     scene = load_scene("two_contacts_anisotropic")
-    jump = (2 * NS, [0, 10**7], [np.array([0.3]), np.array([0.2])])
+    rows = [np.append(length, scene.drive.rows[0, 1:]) for length in (0.3, 0.2)]
+    jump = (2 * NS, [0, 10**7], rows)
     sent = messages(scene, itertools.chain(hold(0, 200), [jump]))
     (rest,) = analyse(write(tmp_path / "a", sent, attachments(scene))).rests
     assert (rest.until, rest.commanded) == (2.0, False)
