@@ -299,7 +299,10 @@ def solve_mesh(contacts, springs, model, matrix, ramp, count):
             for k in range(c.first, c.last):
                 o = contacts[ends[k].other]
                 pull = springs[ends[k].spring].stiffness * _velocity_of(block, o, c)
-                term = pull if ramp.stepping else ends[k].flow
-                e.force += term
-                e.scale += abs(pull) + abs(term)
+                e.scale += abs(pull)
+                if ramp.stepping:
+                    e.force += pull
+                else:  # the load, in which commands may cancel, does not show how large their pulls are
+                    e.force += ends[k].flow
+                    e.scale += abs(ends[k].flow)
     return True
