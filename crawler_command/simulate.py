@@ -192,9 +192,9 @@ def _check_certificate(run: Trajectory) -> None:
     friction = float(abs(run.scene.drive.targets[:, springs : springs + 2 * run.scene.body.contacts]).max())
     cause = (
         "forces or stiffnesses of the scene are too far apart for floating-point numbers: bring them closer together"
-        if friction
-        else "no contact has friction, so that nothing determines where the body is: give friction to at least one"
     )
+    if not friction and run.scene.ground.track is None:
+        cause = "no contact has friction, so that nothing determines where the body is: give friction to at least one"
     for what, value, of in (
         ("the energy balance is off by", run.energy.relative_residual, "of the energy turned over"),
         ("a spring force exceeds its bound by", run.violation / (friction or 1.0), "of the largest friction"),
