@@ -174,29 +174,29 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         # an error, as of a module that is no longer there, whatever it is: compile again
         with self._measure(), contextlib.suppress(Exception):
             found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-            if found is None and self._wait_for_others(sig):
+            if found is None:
+                self._wait_for_others(sig)  # of whom one may have ended since
                 found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
             if found is not None:
                 self._turn.close()
             return found
         return None
 
-    def _wait_for_others(self, sig: Any) -> bool:
-        """Wait while another process compiles the kernel, else keep others waiting; return whether there was one."""
+    def _wait_for_others(self, sig: Any) -> None:
+        """Wait while another process compiles the kernel, then keep others waiting."""
         try:
             import fcntl
         except ModuleNotFoundError:  # on Windows each process compiles
-            return False
+            return
         name = hashlib.sha256(f"{self._impl.filename_base} {sig}".encode()).hexdigest()[:24]
         self._impl.locator.ensure_cache_path()
         self._turn = Path(self._cache_path, f"{name}.lock").open("w")  # noqa: SIM115 (until the kernel is saved)
-        for tries in range(round(_PATIENCE_S / _POLL_S)):
+        for _ in range(round(_PATIENCE_S / _POLL_S)):
             try:
                 fcntl.flock(self._turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                return tries > 0
+                return
             except BlockingIOError:
                 time.sleep(_POLL_S)
-        return True
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save a compiled kernel; where that is impossible, report so: it stays in memory.

@@ -125,6 +125,20 @@ def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(ask):
     assert sum(hits) == 3 * 3  # of four processes with three kernels each
 
 
+def test_a_kernel_that_another_process_keeps_between_a_look_and_the_turn_is_not_compiled_again(ask, monkeypatch):
+    ask()
+    look, signatures = kernel_cache.KernelCache._load_overload, set()
+
+    def miss_once(cache: kernel_cache.KernelCache, sig: tuple, target_context: object) -> object:
+        if (cache, sig) in signatures:
+            return look(cache, sig, target_context)
+        signatures.add((cache, sig))
+        return None
+
+    monkeypatch.setattr(kernel_cache.KernelCache, "_load_overload", miss_once)
+    assert ask() == (RESULTS, 3, "")
+
+
 def test_a_process_that_stops_while_it_compiles_does_not_keep_others_for_ever(ask, tmp_path, monkeypatch):
     ask()
     locks = [lock.open("w") for lock in files(tmp_path / "cache", "*.lock")]
