@@ -12,6 +12,7 @@ from ..body.columns import Columns
 from ..body.drive import NS, Drive, strategy_waypoints, wave
 from ..body.turning import SIDES, check_sides
 from ..errors import SceneError
+from ..rounding import CRITICAL
 from .assemble_friction import planar_loads
 from .friction_parts import FrictionRowsPart
 from .parts import DrivePart, SceneParts, WavePart
@@ -198,7 +199,12 @@ def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarra
 def _build_waypoints(
     times: np.ndarray, period: Any, rows: np.ndarray, columns: Columns, doubts: np.ndarray | None
 ) -> Drive:
-    """Build and check a drive: times (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s]."""
+    """Build and check a drive: times (W,) or (M, W) [s], rows (W, C) or (M, W, C), a period () or (M, 1) [s].
+
+    A period ends at the last waypoint, and with the first row, if it does so but for rounding: sin(2 pi) is not 0.
+    """
+    if period is not None:
+        period, rows = _close(times, period, rows)
     _check_times(times, period, doubts)
     frictions = slice(columns.lengths, columns.lengths + columns.frictions)
 
@@ -207,9 +213,11 @@ def _build_waypoints(
         return f"drive.friction: row {row}, {name}: {value:g}; friction must be >= 0"
 
     def open_end(i: int) -> str:
+        last, first = rows[-1, i], rows[0, i]
+        digits = 6 if f"{last:g}" != f"{first:g}" else 17
         return (
-            f"drive.{columns.kind(i)}: the last row, at the period's end, has {rows[-1, i]:g} for {columns.names[i]} "
-            f"and the first {rows[0, i]:g}; a drive with a period must end as it begins"
+            f"drive.{columns.kind(i)}: the last row, at the period's end, has {last:.{digits}g} for {columns.names[i]} "
+            f"and the first {first:.{digits}g}; a drive with a period must end as it begins"
         )
 
     refuse(~(rows[..., frictions] >= 0.0), 2, negative, doubts)
@@ -222,6 +230,16 @@ def _build_waypoints(
     for row, target in enumerate(drive.targets if columns.loads and doubts is None else ()):
         columns.check_equilibrium(target, f"drive: row {row}", SceneError)
     return drive
+
+
+def _close(times: np.ndarray, period: Any, rows: np.ndarray) -> tuple[Any, np.ndarray]:
+    """Let the period end at the last waypoint, and this be the first row, where only rounding makes them differ."""
+    last, end = times[..., -1:], np.atleast_1d(period)
+    end = np.where(np.abs(last - end) <= CRITICAL * last, last, end)
+    near = np.abs(rows[..., -1, :] - rows[..., 0, :]) <= CRITICAL * np.abs(rows).max(axis=-2)
+    rows = rows.copy()
+    rows[..., -1, :] = np.where(near, rows[..., 0, :], rows[..., -1, :])
+    return float(end[0]) if end.ndim == 1 else end, rows
 
 
 def _check_times(times: np.ndarray, period: Any, doubts: np.ndarray | None) -> None:

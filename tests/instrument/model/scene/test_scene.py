@@ -512,6 +512,21 @@ def test_an_unknown_method_is_refused():
         Crawler(Scene.model_validate(GOOD), "euler")
 
 
+@pytest.mark.parametrize("period", [0.3, 0.1 + 0.1 + 0.1, np.nextafter(0.3, 0.0)])
+def test_a_drive_ends_as_it_begins_but_for_rounding(period):
+    times = np.array([0.0, 0.1, 0.1 + 0.1, 0.1 + 0.1 + 0.1])
+    angles = 2.0 * np.pi * times / times[-1]
+    actuation = 0.1 * np.stack((np.sin(angles), np.cos(angles + 0.5)), axis=-1)
+    assert (actuation[0] != actuation[-1]).any()
+    data = change("drive", {"times": times.tolist(), "period": float(period), "actuation": actuation.tolist()})
+    data["start"] = "relaxed"
+    drive = Scene.model_validate(data).drive
+    assert drive.period == times[-1]
+    assert (drive.rows[0] == drive.rows[-1]).all()
+    data["drive"]["actuation"][-1][1] += 1e-12
+    assert re.search(r"has 0\.0877582561900\d+ for link_1 and the first 0\.087758256189\d+; a drive", refusal(data))
+
+
 def test_a_wave_travels_towards_plus_x():
     data = change("drive", {"wave": {"amplitude": 0.1, "mean": 0.2, "wavelength": 2.0, "period": 3.0}})
     data["start"] = {"displacement": [0.0, 0.1, 0.4]}
