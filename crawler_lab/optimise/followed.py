@@ -48,7 +48,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
     plan, targets = cycle.plan, cycle.plan.drive.targets
     body, period = plan.body, np.vstack((targets[2:], targets[1:2]))
     crawler = Crawler(plan)
-    motion: tuple[float, ...] | None = None
+    motion = None
     try:
         crawler.follow(targets[1:2])
         if plan.ground.differs:
@@ -57,8 +57,9 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
         else:
             found = repeat_period(crawler, period, _SETTLED * tolerance_of(plan), _MOST_PERIODS)
             least = _ROUNDING * largest_distance(body)
-            motion = tuple(float(value) if abs(value) > least else 0.0 for value in np.atleast_1d(found.gain))
-            mean, work = np.array(motion), found.work
+            mean, work = np.atleast_1d(found.gain), found.work
+            mean = np.where(np.abs(mean) > least, mean, 0.0)
+            motion = tuple(mean.tolist()) if body.dimension == 2 else None
             left = 0.0 if found.settled else found.transient_left
         gain = float(mean[0])
         if body.dimension == 2:

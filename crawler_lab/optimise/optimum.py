@@ -86,8 +86,8 @@ class Optimum:
             travel.
         travel: sum of all changes of rest lengths in a period [m].
         peak_tension: largest tension in a period [N].
-        transient_left: estimate of how far the gain is from the periodic regime's [m]; infinite where periods
-            have not settled, NaN on patches.
+        transient_left: estimate of how far the gain is from the periodic regime's [m]; infinite where
+            that was not found, NaN on patches.
         found_after_s: when the best gait was found [s].
         evaluations: how many candidates were run.
         gradient_norm: by how much the objective would improve to first order if all unknowns moved within their bounds

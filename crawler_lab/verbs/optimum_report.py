@@ -121,7 +121,7 @@ def _describe_numbers(found: Optimum) -> str:
 
     end = f"transient left {found.transient_left:.1e} m"
     if math.isinf(found.transient_left):
-        end = "periods have not settled, and the gain belongs to the last one of the search"
+        end = "whether periods settle was not found, and the gain belongs to the last one of the search"
     if found.periods is not None:
         end = f"the mean of the first {found.periods} periods, as the ground makes them differ"
     slow = math.isnan(found.cost_of_transport) and abs(found.gain) > LEAST_GAIN * found.travel
@@ -153,7 +153,7 @@ def _describe_pace(found: Optimum) -> str:
 def _find_reversals(scene: Scene) -> tuple[float, list[int]]:
     """Find the period of a gait [s], and how often each actuator reverses in it, a segment as its first element."""
     drive, sizes = scene.drive, scene.columns.actuation_sizes
-    rows = drive.actuation.reshape(drive.times.size, -1)
+    rows = drive.rows[:, : scene.columns.lengths]
     first = np.arange(rows.shape[1]) if scene.dimension == 2 else np.cumsum(sizes) - sizes
     return drive.period or float(drive.times[-1]), [_count_reversals(column) for column in rows.T[first]]
 

@@ -249,6 +249,18 @@ def test_a_segment_counts_as_one_actuator(scene, capsys):
     assert f"{gain / 2.0:.4g} m per reversal" in out
 
 
+@pytest.mark.parametrize(("name", "free", "moving"), [("hybrid_body", "link_0=0:0.3", 1), ("rubber_worm", "0:0.08", 2)])
+def test_links_that_move_are_counted_whatever_is_beside_them(scene, capsys, name, free, moving):
+    """A link beside a segment at rest, and links that remember, whose gaits are followed."""
+    arguments = ("--for", "translation", "--stroke", free, "--waypoints", "2", "--seconds", "2", "--out", "best.yaml")
+    status, out, err = run(capsys, "optimise", name, *arguments)
+    assert (status, err) == (0, "")
+    actuation = np.array(load_scene("best.yaml").document()["drive"]["actuation"])
+    assert (np.ptp(actuation, axis=0) > 0.0).sum() == moving
+    gain = float(out.split("gain per period ")[1].split()[0])
+    assert f"{gain / (2 * moving):.4g} m per reversal" in out
+
+
 def test_strokes_in_millimetres_are_asked_about(scene, capsys):
     _, _, err = run(capsys, "optimise", "mine.yaml", "--for", "translation", "--stroke", "0:60", "--waypoints", "2")
     assert "--stroke 0:60 is in metres, but the body is 0.1 m long: millimetres?" in err
