@@ -27,7 +27,7 @@ _SLOW = 0.2
 _WIDER, _WIDER_SLOW = 1.1, 1.25
 """Factors on intervals, because the derivatives are averages over creases; where noise has a slow part, its size and
 correlation time are estimates, too. Both are calibrated by `python -m benchmarks identify`."""
-_WIDEST = np.log(3.0)
+WIDEST = np.log(3.0)
 """Half of a 95 % interval of a logarithm; a parameter with a wider one is not identified."""
 
 
@@ -144,7 +144,7 @@ def _hidden(
         return None
     widths = quantile * np.sqrt(np.diag(covariance)[logs])
     worst = int(np.argmax(widths))
-    if widths[worst] <= _WIDEST:
+    if widths[worst] <= WIDEST:
         return None
     _, vectors = np.linalg.eigh(covariance[np.ix_(logs, logs)])
     direction = np.abs(vectors[:, -1])
@@ -153,7 +153,7 @@ def _hidden(
     effect = jacobian[:, members] @ scaled[members]
     effect = effect - others @ np.linalg.lstsq(others, effect)[0]
     alone, together = (quantile / max(float(np.linalg.norm(v)), 1e-300) for v in (jacobian[:, members[0]], effect))
-    if len(members) > 1 and alone <= _WIDEST < together:
+    if len(members) > 1 and alone <= WIDEST < together:
         return members, float(widths[worst])
     return [free[logs[worst]]], float(widths[worst])
 

@@ -12,7 +12,7 @@ from ..fit.fit import Fit
 from ..fit.problem import Problem
 from ..fit.space import Space
 from .bounds import find_bounds
-from .structure import Structure
+from .structure import WIDEST, Structure
 from .sums import Sum, find_bounds_of_any_start, find_sums
 
 Verdict = Literal["identified", "ratio", "sum", "bound", "doubtful", "not excited"]
@@ -108,8 +108,7 @@ def judge(
             width = structure.weak.get(p, np.inf)
             why = "only a combination of it with others is determined, which is no ratio"
             if np.isfinite(width):
-                factor = np.exp(min(2.0 * width, 700.0))
-                why = f"the noise hides it: its 95 % interval would span a factor of {factor:.3g}"
+                why = _explain_width(2.0 * width)
             parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
         elif p in structure.held:
             why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"
@@ -131,10 +130,19 @@ def judge(
             else:
                 why = f"{'at least' if interval[1] is None else 'at most'} {end:.6g}: values beyond fit as well"
                 parameters.append(Parameter(name, "bound", end, interval, (), why))
+        elif space.logarithmic[p] and max(below[p], above[p]) > WIDEST:  # other minima fit nearly as well
+            parameters.append(
+                Parameter(name, "not excited", None, (None, None), (), _explain_width(below[p] + above[p]))
+            )
         else:
             why = "the motion determines it"
             parameters.append(Parameter(name, "identified", float(values[p]), interval, (), why))
     return tuple(parameters), [_choose(one, values[p], sums, chosen, p) for p, one in enumerate(parameters)]
+
+
+def _explain_width(width: float) -> str:
+    """Explain that the interval of a logarithm is too wide."""
+    return f"the noise hides it: its 95 % interval would span a factor of {np.exp(min(width, 700.0)):.3g}"
 
 
 def _judge_sum(name: str, found: Sum, partner: str, condition: str) -> Parameter:

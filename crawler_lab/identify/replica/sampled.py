@@ -25,9 +25,11 @@ from .replica import Prediction, Replica
 
 _TOLERANCE = 1e-5
 """Of runs in the plane, far below the differences of runs."""
-_STEPS = {1: 2.0**-18, 2: 2.0**-10}
-"""Step of the differences by the dimension of the body, relative to the value of the parameter [1]. Runs on a line are
-exact, and small steps seldom meet a jump."""
+_STEPS = {1: 2.0**-18, 2: 2.0**-14}
+"""Step of the differences by the dimension of the body, relative to the value of the parameter [1]. Runs of bodies that
+do not turn are exact, or nearly so, and small steps seldom meet a crease or a jump."""
+_STEP_OF_TURNING = 2.0**-10
+"""Step for bodies that turn, whose runs differ by their tolerance."""
 _JUMP = 2.0**8
 """A difference that is so many times the other side's and the usual one is a jump within the step, no derivative."""
 _TICK = {1: 1e-6, 2: 1e-5}
@@ -68,7 +70,7 @@ class SampledReplica(Replica):
         varied = Variations(self._base, {key: np.zeros(1) for key in keys}, (1,))
         self.start_values = np.array([varied.origin(key) for key in keys])
         self.weight = _RUN * (1 + 2 * len(keys))
-        self._step = _STEPS[scene.dimension]
+        self._step = _STEPS[scene.dimension] if scene.body.turning is None else _STEP_OF_TURNING
         self.limits = []  # they are not examined here
 
     @property

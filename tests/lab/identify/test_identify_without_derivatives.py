@@ -52,6 +52,32 @@ def test_friction_in_the_plane_is_found() -> None:
     assert found.playback().document()["drive"]["actuation"][0] == [[0.0, 0.0]] * 3
 
 
+def test_a_crease_within_a_difference_of_runs_does_not_hide_that_only_ratios_are_determined() -> None:
+    """The third bound never holds a contact back: it is not seen, and the others have no scale."""
+    rows = np.zeros((3, 3, 2))
+    rows[1] = [[0.1, 0.05], [-0.05, 0.02], [0.0, -0.06]]
+    friction = {"directions": [0.0, 1.5708, 3.1416, 4.7124], "value": [0.2, 0.4, 0.5, 0.4]}
+    document: dict[str, Any] = {
+        "name": "triangle",
+        "dimension": 2,
+        "body": {
+            "contacts": [[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]],
+            "links": {"stiffness": 20.0, "between": [[0, 1], [1, 2], [2, 0]]},
+        },
+        "friction": friction,
+        "start": {"displacement": [[0.0, 0.0]] * 3},
+        "drive": {"times": [0.0, 0.5, 1.0], "period": 1.0, "actuation": rows.tolist()},
+    }
+    seen = record(Scene.model_validate(document), 2.0, 1e-4)
+    document["body"]["links"]["stiffness"] = 18.0
+    document["friction"] = friction | {"value": [0.22, 0.4, 0.5, 0.4]}
+    first = Scene.model_validate(document)
+    found = identify(first, [seen], ["body.links.stiffness", "friction.value"], seconds=4.0)
+    verdicts = [parameter.verdict for parameter in found.parameters]
+    assert verdicts == ["ratio", "ratio", "ratio", "not excited", "ratio"]
+    assert [found.parameters[p].value for p in (1, 2, 4)] == pytest.approx([0.18, 0.36, 0.36], rel=0.01)
+
+
 def test_from_positions_alone_only_ratios_are_found() -> None:
     keys = ["friction.forward", "body.links.stiffness"]
     found = identify(guess("ice", forward=0.26, backward=0.5), [record("ice", 4.0)], keys, sensor=PERFECT, seconds=0.0)
