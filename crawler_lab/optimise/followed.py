@@ -14,6 +14,7 @@ import numpy as np
 
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError
+from crawler_model.rounding import EPS
 from crawler_model.run.account import average_displacement, tolerance_of
 from crawler_model.run.cycle import check_solved, repeat_period
 from crawler_model.run.screw import largest_distance
@@ -64,6 +65,7 @@ def find_followed_regime(cycle: Cycle, goal: Goal) -> Regime | None:
         gain = float(mean[0])
         if body.dimension == 2:
             gain = math.cos(goal.towards) * float(mean[0]) + math.sin(goal.towards) * float(mean[1])
+            gain = gain if abs(gain) > EPS * math.hypot(*mean[:2]) else 0.0
     except CommandError:
         return None
     lengths = body.springs if body.turning is not None else body.lengths

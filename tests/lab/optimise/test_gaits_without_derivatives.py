@@ -103,6 +103,10 @@ def test_a_direction_is_chosen():
     assert optimise(rotated(), free=free, towards=90.0).value == pytest.approx(0.08, abs=1e-4)
     assert optimise(rotated(), free=free, towards=60.0).value == pytest.approx(0.08 * math.sin(math.pi / 3), abs=1e-4)
     assert optimise(rotated(), free=free).value == pytest.approx(0.0, abs=1e-4)
+    across = optimise(load_scene("planar_rectilinear"), waypoints=2, seconds=1.0, towards=90.0)
+    assert across.value == across.gain == 0.0  # the cosine of 90 degrees is not
+    assert across.motion is not None
+    assert across.motion[0] > 0.0
 
 
 def test_on_patches_the_first_periods_count():
