@@ -57,12 +57,14 @@ def draw_sweep(
     over = over or variations.values
     keys = [key for key, n in zip(over, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
+    name, axis = split_column(runs, name)
     figure = open_figure(8, 5.5 if len(keys) == 2 else 4.5)
     axes = figure.subplots()
     unit = UNITS.get(name, "1")
     label = _WORDS.get(name, name.replace("_", " ") + (f" [{unit}]" if unit != "1" else ""))
     if runs.gained.ndim == 2 and getattr(runs, name).ndim == 2:
-        label = label.replace("translation", "translation along x") if name in _WORDS else f"{label}, along x"
+        along = f"along {axis}"
+        label = label.replace("translation", f"translation {along}") if name in _WORDS else f"{label}, {along}"
     label = textwrap.fill(label, 28) if page().narrow else label
     if len(keys) == 1:
         _draw_line(axes, over[keys[0]], gain, runs, keys[0] in logarithmic)
@@ -218,12 +220,26 @@ def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
     return name, column if column.ndim == 1 else column[:, 0]
 
 
-def shown_column(runs: ManyRuns, column: str) -> tuple[str, np.ndarray]:
-    """Read a column to show; in the plane of a vector the component along x.
+def split_column(runs: ManyRuns, column: str) -> tuple[str, str]:
+    """Split the name of a column into the name in `ManyRuns` and the axis, x or y.
 
     Args:
         runs: the results.
-        column: its name in `ManyRuns`.
+        column: its name in the table.
+
+    Returns:
+        The name, and the axis, which means something for vectors.
+    """
+    name, _, axis = column.rpartition("_")
+    return (name, axis) if axis in ("x", "y") and hasattr(runs, name) else (column, "x")
+
+
+def shown_column(runs: ManyRuns, column: str) -> tuple[str, np.ndarray]:
+    """Read a column to show.
+
+    Args:
+        runs: the results.
+        column: its name in the table, or of a vector in `ManyRuns` for the component along x.
 
     Returns:
         The name, and the values, NaN where a variation is not done, shape (M,).
@@ -231,8 +247,9 @@ def shown_column(runs: ManyRuns, column: str) -> tuple[str, np.ndarray]:
     Raises:
         CrawlerError: when no variation has a value.
     """
-    values = np.asarray(getattr(runs, column), dtype=np.float64)
-    values = np.where(runs.status == "done", values if values.ndim == 1 else values[:, 0], np.nan)
+    name, axis = split_column(runs, column)
+    values = np.asarray(getattr(runs, name), dtype=np.float64)
+    values = np.where(runs.status == "done", values if values.ndim == 1 else values[:, "xy".index(axis)], np.nan)
     if not np.isfinite(values).any():
         raise CrawlerError(f"--plot: no variation has a value of {column}")
     return column, values

@@ -19,6 +19,8 @@ from .vary import Variations
 _STATUS = np.array(["not run", "done", "invalid"])
 COLUMNS = ("status", *LENGTHS, *FORCES, *COMPARED, *SCREW, "unique", *COUNTS, "kernel_s")
 """The results with an entry for each run."""
+_VECTORS = (*LENGTHS, "efficiency", "period_efficiency")
+"""Results with two components in the plane."""
 UNITS = {
     **dict.fromkeys(LENGTHS, "m"),
     "work": "J",
@@ -195,6 +197,22 @@ class ManyRuns(Tabular):
 
 class RunRow(SimpleNamespace):
     """Results of one run: the names of `ManyRuns` with a number each, in the plane shape (2,) for displacements."""
+
+
+def name_numbers(scene: Scene) -> tuple[str, ...]:
+    """Name the numbers in the table of a sweep.
+
+    Args:
+        scene: the scene that is varied.
+
+    Returns:
+        Their names, in the plane with `_x` and `_y` for the components of vectors.
+    """
+    names = [name for name in (*UNITS, "unique", *COUNTS) if name not in SCREW or scene.body.turning is not None]
+    parts = {
+        name: (f"{name}_x", f"{name}_y") if scene.dimension == 2 and name in _VECTORS else (name,) for name in names
+    }
+    return tuple(part for name in names for part in parts[name])
 
 
 def _range(values: np.ndarray) -> str:

@@ -25,15 +25,11 @@ from crawler_ros.recording.attachments import installed_version
 
 from ..pictures.sweep import shown_gain
 from ..sweep.many_runs import Settings, run_chunk, simulate_many
-from ..sweep.results import COLUMNS, ManyRuns, gather
+from ..sweep.results import ManyRuns, gather, name_numbers
 from ..sweep.rows import ROW, SCREW
 from ..sweep.vary import MOST_VARIATIONS, Variations, vary
 
 _CHUNKS_A_THREAD, _MOST_IN_A_CHUNK = 8, 512
-
-
-PLOTTED = (*(name for name in COLUMNS if name != "status"), "efficiency", "period_efficiency")
-"""Results that a picture can show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,10 +121,11 @@ def plan_sweep(
         if key in values:
             raise CrawlerError(f"--vary {key}: the key is repeated")
         values[key], specs[key] = numbers, text.partition("=")[2].strip()
-    if column is not None and column not in PLOTTED:
-        raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(PLOTTED)}")
-    if column in SCREW and scene.body.turning is None:
+    plotted = name_numbers(scene)
+    if column in SCREW and column not in plotted:
         raise CrawlerError(f"--plot: {column}: only bodies that turn have it, and {scene.name} does not")
+    if column is not None and column not in plotted and f"{column}_x" not in plotted:
+        raise CrawlerError(f"--plot: {column!r} is not a column of results; the columns are {', '.join(plotted)}")
     variations, columns = _vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:

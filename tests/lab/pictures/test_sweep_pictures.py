@@ -14,6 +14,7 @@ from PIL import Image
 
 from crawler_lab import simulate_many, vary
 from crawler_lab.pictures.sweep import draw_sweep, find_gaps, find_jumps, shown_column
+from crawler_lab.sweep.results import name_numbers
 from crawler_model import CrawlerError, load_scene
 
 UNITS = {"drive.wave.wavelength": "m", "drive.wave.amplitude": "m"}
@@ -46,6 +47,19 @@ def test_a_map_stays_open_between_wavelengths_of_both_signs_and_shows_the_column
     assert middle.size == pytest.approx(0.6 / 1.8 * 660, abs=40)
     assert np.abs(pictures[0] - pictures[1]).mean() > 2.0
     assert shown_column(runs, "work")[1] == pytest.approx(runs.work)
+
+
+@pytest.mark.parametrize("name", ["two_anchor_a", "planar_rectilinear", "scissors"])
+def test_a_picture_shows_each_number_of_the_table(name):
+    scene = load_scene(name)
+    runs = simulate_many([scene], duration=2.0 * scene.drive.period, rate=8.0, workers=1)
+    table = runs.to_table()
+    numbers = [column for column in table.column_names if column not in ("status", "reason")]
+    assert list(name_numbers(scene)) == numbers
+    for column in numbers:
+        shown = table[column][0].as_py()
+        if shown is not None:
+            assert shown_column(runs, column)[1] == pytest.approx([float(shown)])
 
 
 def test_a_column_without_values_is_refused():
