@@ -38,7 +38,7 @@ class TickClock:
             duration: simulated time at which it is over, at the end of a tick [s]; 0 for never.
         """
         self.rate = rate
-        self._until_ns = round(duration * NS) or sys.maxsize
+        self._until_ns = max(round(duration * NS), 1) if duration else sys.maxsize
         self._catches_up = catches_up
         self._slipped_ns = 0
         self._played = [0, 0]  # wall and simulated time before the present stretch of playing [ns]

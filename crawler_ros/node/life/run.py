@@ -108,7 +108,10 @@ def _run(name: str, build: Callable[[], Any], spin: Callable[[Any], None], words
             if type(error).__name__ not in ("RCLError", "UnknownROSArgsError", "RCLInvalidROSArgsError"):
                 raise
             text = " ".join(str(error).split())[:200]
-            print(f"{name}: {text}; pass parameters as in --ros-args -p scene:=FILE", file=sys.stderr)
+            right = "pass parameters as in --ros-args -p scene:=FILE"
+            if "remap" in text:
+                right = "a name has letters of English, digits, _ and /, and begins with no digit, as in -r __ns:=/left"
+            print(f"{name}: {text}; {right}", file=sys.stderr)
             return 1
         try:
             spin(node)

@@ -38,6 +38,13 @@ def test_it_is_over_at_the_end_of_the_tick_that_reaches_the_duration(rate):
     assert not tick_clock.rests
 
 
+def test_a_duration_below_a_nanosecond_is_over_after_a_tick():
+    tick_clock = TickClock(Fraction(1000), duration=1e-12)
+    assert not tick_clock.rests
+    tick_clock.finish()
+    assert tick_clock.rests
+
+
 def test_ticks_are_due_a_period_apart():
     tick_clock = TickClock(Fraction(1000))
     assert tick_clock.wait_ns(5 * MS) == MS

@@ -338,6 +338,8 @@ def test_a_wrong_start_is_one_line(tmp_path, parameters, said):
         (["two_anchor_a"], "unknown argument 'two_anchor_a'"),
         (["--ros-args", "scene:=two_anchor_a"], "pass parameters as in --ros-args -p scene:=FILE"),
         (["--ros-args", "-p"], "pass parameters as in"),
+        (["--ros-args", "-r", "joint_states:=/zustände"], "a name has letters of English, digits, _ and /"),
+        (["--ros-args", "-r", "__ns:=/a b"], "a name has letters of English, digits, _ and /"),
         (["--ros-args", "-p", "scene=two_anchor_a"], "pass parameters as in"),
     ],
 )
