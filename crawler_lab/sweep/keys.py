@@ -202,6 +202,8 @@ def find_path(scene: Scene, key: str) -> KeyPath:
             elif path == ["body", "links"] and node and not step.isdecimal():
                 each = [find_path(scene, ".".join(["body.links", str(i), *steps[depth:]])) for i in range(len(node))]
                 return ("body", "links", EVERY, *each[0][3:])
+            elif step.isdecimal():
+                raise _beyond(key, path, len(node))
             else:
                 raise _unknown(scene, key)
         elif isinstance(node, dict):
@@ -212,7 +214,9 @@ def find_path(scene: Scene, key: str) -> KeyPath:
             path.append(step)
             if isotropic and step not in node:
                 node = {step: node["isotropic"]}
-        elif isinstance(node, float) and step.isdecimal() and int(step) < _entries(scene, tuple(path)):
+        elif isinstance(node, float) and step.isdecimal() and (count := _entries(scene, tuple(path))):
+            if int(step) >= count:
+                raise _beyond(key, path, count)
             path.append(int(step))
             continue
         else:
@@ -246,6 +250,11 @@ def _keys(node: Any, before: str = "") -> Iterator[str]:
             yield key
         if isinstance(part, (dict, list)):
             yield from _keys(part, f"{key}.")
+
+
+def _beyond(key: str, path: Sequence[str | int], count: int) -> SceneError:
+    entries = "entry" if count == 1 else "entries"
+    return SceneError(f"vary: {key}: {'.'.join(map(str, path))} has {count} {entries}, numbered from 0")
 
 
 def _unknown(scene: Scene, key: str) -> SceneError:

@@ -404,7 +404,7 @@ def test_a_relaxed_start_at_zero_has_derivatives_without_rounding() -> None:
         ("two_anchor_a", [], "at least one key"),
         ("two_anchor_a", "drive.length", "must be a list"),
         ("two_anchor_a", ["drive.length", "drive.length"], "named twice"),
-        ("three_contacts_two_ways", ["drive.times[9]"], "unknown key"),
+        ("three_contacts_two_ways", ["drive.times[9]"], "drive.times has 4 entries, numbered from 0"),
     ],
 )
 def test_keys_without_a_derivative_are_refused(name: str, keys: Any, message: str) -> None:
