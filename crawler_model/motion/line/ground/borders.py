@@ -260,7 +260,7 @@ def close_jump(c, ground, ramp, i):
     foot.jump = 0
 
 
-@lean
+@inlined
 def rest_on_border(c, ground, ramp, i):
     """Put a contact that stops within rounding of a border onto it, unless it falls there.
 
@@ -269,6 +269,13 @@ def rest_on_border(c, ground, ramp, i):
     if ground is None:
         return
     foot, near = ground.feet[i], ROUNDING * ramp.span
+    gap = min(abs(gap_of(c, foot, ground, AHEAD, c.since)), abs(gap_of(c, foot, ground, BEHIND, c.since)))
+    if gap <= near or ground.walls.shape[1] > 0:
+        _rest_on_border(c, foot, ground, ramp, i, near)
+
+
+@lean
+def _rest_on_border(c, foot, ground, ramp, i, near):
     rest_at_wall(c, foot, ground.walls, i, near)
     if foot.place % 2 == 1 or c.fallen != 0 or foot.walled != 0:
         return

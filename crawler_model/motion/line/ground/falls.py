@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....compiled import lean
+from ....compiled import inlined, lean
 from ..advance import advance, advance_spring, place_of
 from ..block import leave_bounds, list_contact
 from ..records import AHEAD, BACKWARD, BEHIND, FORWARD
@@ -40,7 +40,7 @@ _SLOWEST = 1e-4
 """Contacts that slide slower than this part of the velocity of one that falls are not looked for at their borders."""
 
 
-@lean
+@inlined
 def is_due(c, ground, ramp, i):
     """Determine whether a sliding contact is now at a border beyond which the ground holds less, and note it as `due`.
 
@@ -49,11 +49,15 @@ def is_due(c, ground, ramp, i):
     """
     if ground is None or abs(c.v) <= SLIDES:
         return False
-    if c.fallen != 0 and is_gradual(ground):  # it falls further
+    foot, coming = ground.feet[i], AHEAD if c.v > 0.0 else BEHIND
+    if gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
         return False
-    coming = AHEAD if c.v > 0.0 else BEHIND
-    foot = ground.feet[i]
-    if foot.place % 2 == 1 or gap_of(c, foot, ground, coming, place_of(c, ramp)) > ROUNDING * (ramp.span + abs(c.v)):
+    return _is_due(c, foot, ground, coming, ramp, i)
+
+
+@lean
+def _is_due(c, foot, ground, coming, ramp, i):
+    if foot.place % 2 == 1 or (c.fallen != 0 and is_gradual(ground)):  # it falls further
         return False
     if compare(c, foot, ground, coming, ramp) >= 0:
         return False

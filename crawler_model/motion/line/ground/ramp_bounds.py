@@ -73,7 +73,8 @@ def finish_bounds(c, ground, ramp, target, i, n):
     foot, s = ground.feet[i], ramp.s
     if ramp.stepping:
         keep_before_walls(c, foot, ground.walls, i)
-    rest_on_border(c, ground, ramp, i)
+    if c.v != 0.0 or ramp.stepping:
+        rest_on_border(c, ground, ramp, i)
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
     rests = not (_changes(foot) or _changes(c)) and c.fallen == 0 and not ramp.stepping
     _finish_command(foot, ramp, target, i, n)
