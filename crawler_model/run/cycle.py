@@ -180,6 +180,7 @@ class _Periods:
         self.crawler, self.targets = crawler, targets
         self.turns = crawler.body.turning is not None
         self.error = (crawler.scene.tolerance or TURNING_TOLERANCE) if self.turns else 0.0
+        self.begin = crawler.displacement
         self.tension = self.determine()
         self.shrinks = 0.0
         self.differences: list[float] = []
@@ -200,6 +201,7 @@ class _Periods:
         step = crawler.follow(self.targets, self.records)
         check_solved(step, "limit_cycle")
         x = self.records[:, : start.size]
+        self.begin = begin
         self.travel = float(np.abs(x - start).max())
         self.work = step.work
         moved = crawler.gained[None]
@@ -258,7 +260,7 @@ class _Periods:
         if self.crawler.scene.ground.regions is not None:
             return bool(np.abs(self.gains[-1]).max() <= allowed)
         gain = float(self.gains[-1])
-        return abs(gain) <= allowed or has_left_all_ground(self.crawler, gain, self.travel)
+        return abs(gain) <= allowed or has_left_all_ground(self.crawler, self.begin, gain, self.travel)
 
     def finish(self, tolerance: float) -> LimitCycle:
         """Build the result."""

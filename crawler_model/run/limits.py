@@ -237,22 +237,24 @@ class _Search:
     def _repeat_periods(self, crawler: Crawler, period: np.ndarray) -> float:
         """Follow periods until they repeat; return the gain of the last one [m]."""
         body, gained = self.scene.body, 0.0
-        tension = determining_tension(body, crawler)
+        tension, records = (
+            determining_tension(body, crawler),
+            np.empty((period.shape[0], 2 * body.contacts + body.springs)),
+        )
         for _ in range(_MOST_PERIODS):
             if self.periods >= self.most_periods:
                 raise _Spent
             self.periods += 1
-            crawler.follow(period)
+            begin = crawler.displacement
+            crawler.follow(period, records)
+            travel = float(np.abs(records[:, : begin.size] - begin).max())
             before, tension = tension, determining_tension(body, crawler)
             gained = float(average_displacement(body, crawler.gained[None])[0])
-            if tensions_repeat(body, period, tension, before, REPEATS) and self._ends(crawler, gained):
+            lasts = abs(gained) <= self.least_gain or has_left_all_ground(crawler, begin, gained, travel)
+            if lasts and tensions_repeat(body, period, tension, before, REPEATS):
                 return gained
         self.settled = False
         return gained
-
-    def _ends(self, crawler: Crawler, gained: float) -> bool:
-        """Return whether a body that repeats its period meets no further border."""
-        return abs(gained) <= self.least_gain or has_left_all_ground(crawler, gained)
 
     def report(self, part: float) -> None:
         """Report the completed part."""

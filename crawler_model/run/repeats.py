@@ -62,13 +62,16 @@ def determining_stiffness(body: Body) -> np.ndarray:
     return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS], body.stiffness[springs[len(sliders) :]]))
 
 
-def has_left_all_ground(crawler: Crawler, gained: float, room: float = 0.0) -> bool:
-    """Determine whether a body on a line has left all borders and walls behind, so that its period may repeat for ever.
+def has_left_all_ground(crawler: Crawler, begin: np.ndarray, gained: float, travel: float) -> bool:
+    """Determine whether a period on a line was beyond all borders and walls, so that it may repeat for ever.
+
+    The period that ends is judged: ground that it still met when it began, as on its way back, has changed its gain.
 
     Args:
-        crawler: the body, at the end of a period.
-        gained: what it gained in the period, whose sign is its direction of travel [m].
-        room: least distance of its contacts from the last of them [m].
+        crawler: the body, at the end of the period.
+        begin: displacement at its beginning, shape (N,) [m].
+        gained: what the body gained in it, whose sign is the direction of travel [m].
+        travel: the largest displacement within it [m].
 
     Returns:
         True on ground that is the same everywhere, too.
@@ -77,8 +80,8 @@ def has_left_all_ground(crawler: Crawler, gained: float, room: float = 0.0) -> b
     if track is None:
         return True
     walls = np.zeros(0) if track.walls is None else track.walls.place[np.isfinite(track.walls.place)]
-    at = crawler.body.position + crawler.displacement
-    return bool((np.sign(gained) * (at[:, None] - np.concatenate((track.borders, walls))) > room).all())
+    at = crawler.body.position + begin
+    return bool((np.sign(gained) * (at[:, None] - np.concatenate((track.borders, walls))) > travel).all())
 
 
 def _remembering(body: Body) -> np.ndarray:

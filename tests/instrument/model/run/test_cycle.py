@@ -109,6 +109,42 @@ def test_a_body_that_has_left_all_patches_behind_has_the_regime_of_the_ground_th
         limit_cycle(walker(ground), most_periods=15)
 
 
+@pytest.mark.parametrize(
+    ("sides", "patch", "factor", "rows", "gain"),
+    [
+        (([0.05, 0.36], [0.32, 0.45]), 0.17, 3.3, [[-0.02], [0.06], [0.09], [-0.02]], 0.0),
+        (
+            ([0.07, 0.28, 0.11], [0.35, 0.47, 0.57]),
+            0.2,
+            2.2,
+            [[-0.1, 0.0], [-0.01, -0.04], [0.09, -0.01], [-0.1, 0.0]],
+            0.036,
+        ),
+    ],
+)
+def test_a_period_that_still_met_other_ground_on_its_way_is_not_the_last(
+    sides: tuple[list[float], list[float]], patch: float, factor: float, rows: list[list[float]], gain: float
+) -> None:
+    """At its end all contacts are beyond the patch; at its beginning the foremost slid back onto it."""
+    forward, backward = sides
+    scene = Scene.model_validate(
+        {
+            "name": "leaving",
+            "body": {"contacts": [0.2 * i for i in range(len(forward))], "links": {"stiffness": 10.0}},
+            "friction": {"forward": forward, "backward": backward},
+            "ground": {"patches": [{"from": -9.0, "to": patch, "friction": factor}]},
+            "start": "relaxed",
+            "drive": {"times": [0, 1, 2, 3], "period": 3, "actuation": rows},
+        }
+    )
+    found = limit_cycle(scene)
+    later = simulate(scene, 3.0 * (found.periods + 5), 1.0).per_period[found.periods :]
+    assert found.settled
+    assert later == pytest.approx(gain, abs=1e-12)
+    assert found.gain == pytest.approx(gain, abs=1e-12)
+    assert largest_tow(scene).free_gain == pytest.approx(gain, abs=1e-12)
+
+
 def test_a_body_that_stalls_on_ground_that_holds_more_and_more_gains_nothing() -> None:
     profile = {"at": [0.0, 10.0], "friction": {"forward": [1.0, 26.0], "backward": [1.0, 1.0]}}
     found = limit_cycle(walker({"profile": profile}))
