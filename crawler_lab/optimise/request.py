@@ -15,7 +15,7 @@ from crawler_model.errors import LARGEST, CommandError, SceneError
 from crawler_model.scene.scene import Scene
 
 from ..derivative.parameters import changing_keys
-from ..sweep.keys import expand_keys, find_path, key_steps, overlap, with_loads
+from ..sweep.keys import expand_keys, find_path, is_friction, key_steps, overlap, with_loads
 from ..sweep.vary import Variations
 from .goal import SCREW, TURNING_OBJECTIVES
 from .unknowns import Table, Unknowns
@@ -84,7 +84,7 @@ def build_unknowns(scene: Scene, request: Request) -> Unknowns:
     table = _build_table(scene, base, waypoints, stroke, friction, period)
     if friction is not None:
         for key in given:
-            if "friction" in key_steps(key):
+            if is_friction(key_steps(key)):
                 raise SceneError(f"free: {key}: no effect, as the waypoints command friction")
     keys, low, high = _expand(base, given)
     low, high = (np.append(v, np.tile(w, table.waypoints)) for v, w in ((low, table.low), (high, table.high)))

@@ -37,6 +37,19 @@ def key_steps(key: str) -> list[str]:
     return re.sub(r"\[(\d+)\]", r".\1", key).split(".")
 
 
+def is_friction(steps: Sequence[str | int]) -> bool:
+    """Determine whether a key names friction that commands of friction replace.
+
+    Args:
+        steps: the steps of the key.
+
+    Returns:
+        Whether it does: not what elongations add, nor the factors of the ground, nor the angle of a frame.
+    """
+    own = steps[0] == "friction" or (steps[0] == "body" and "friction" in steps)
+    return own and "angle" not in steps and "with_elongation" not in steps
+
+
 def put(node: Any, path: KeyPath, value: float) -> Any:
     """Set a number in a copy of a document.
 

@@ -21,7 +21,7 @@ from crawler_model.scene.file import coerce_scene
 from crawler_model.scene.parts import SceneParts
 from crawler_model.scene.scene import Scene
 
-from .keys import KeyPath, find_path, make_room, overlap, put, read
+from .keys import KeyPath, find_path, is_friction, make_room, overlap, put, read
 
 MOST_VARIATIONS = 10_000_000
 """Upper limit of variations; their results take about a gigabyte."""
@@ -220,8 +220,7 @@ def _check_effect(scene: Scene, path: KeyPath, key: str) -> None:
     if path[-1] == "accuracy" and scene.parts.body.segments[int(path[2])].elements is not None:
         raise SceneError(f"vary: {key}: no effect, as the segment has fixed elements; vary elements instead")
     drive = scene.parts.drive
-    own = path[0] == "friction" or (path[0] == "body" and "friction" in path)
-    if drive is not None and drive.commands_friction and own and "angle" not in path:
+    if drive is not None and drive.commands_friction and is_friction(path):
         replaced = "drive.friction" if drive.friction is not None else "drive.friction_wave"
         raise SceneError(f"vary: {key}: no effect, as the drive commands friction; vary {replaced} instead")
     if path[0] == "loads" and drive is not None and drive.loads is not None:

@@ -23,7 +23,7 @@ from crawler_model.errors import SceneError
 from crawler_model.scene.scene import Scene
 
 from ...derivative.parameters import Derivatives, differentiate_arrays
-from ...sweep.keys import key_steps, with_loads
+from ...sweep.keys import is_friction, key_steps, with_loads
 from ...sweep.vary import Variations, vary
 from ..measurements import MeasurementError, Measurements, observation
 from .changes import Change, apply_changes
@@ -450,7 +450,7 @@ def _columns_changed_by(key: str, columns: Columns) -> set[str]:
     steps, loads = key_steps(key), columns.lengths + columns.frictions
     if steps[0] == "loads":
         return set(columns.names[loads:])
-    if "friction" not in steps or "angle" in steps:
+    if not is_friction(steps):
         return set()
     frictions = set(columns.names[columns.lengths : loads])
     return {name for name in frictions if name.rpartition("/")[2] in steps} or frictions

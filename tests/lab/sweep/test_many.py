@@ -373,6 +373,25 @@ def test_a_row_of_friction_with_elongation_is_what_simulate_finds():
     assert len(set(found.per_period.round(6))) == 6
 
 
+def test_friction_that_elongations_and_the_ground_add_to_commands_is_varied():
+    entry = {"link": 0, "contacts": [0], "elongation": [-0.1, 0.0], "added": [0.5, 0.0]}
+    sides = {"forward": [[0.2, 0.2]] * 3, "backward": [[0.8, 0.8]] * 3}
+    document: dict[str, Any] = {
+        "name": "gripper",
+        "body": {"contacts": [0.0, 0.1], "links": {"stiffness": 20.0}},
+        "friction": {"forward": 0.2, "backward": 0.8, "with_elongation": [entry]},
+        "ground": {"patches": [{"from": 0.15, "to": 2.0, "friction": 1.0}]},
+        "drive": {"times": [0, 1, 2], "period": 2, "actuation": [[0], [-0.1], [0]], "friction": sides},
+    }
+    base = Scene.model_validate(document)
+    keys = ["friction.with_elongation[0].added[0]", "ground.patches[0].friction"]
+    found, each = (of(vary(base, {keys[0]: [0.0, 0.5], keys[1]: [1.0, 1.5]})) for of in (simulate_many, list))
+    assert found.per_period == pytest.approx([simulate(one, rate=1.0).per_period[-1] for one in each], abs=1e-13)
+    assert np.unique(found.per_period.round(6)).size == 4
+    with pytest.raises(SceneError, match="no effect, as the drive commands friction"):
+        vary(base, {"friction.forward": [0.3]})
+
+
 def test_friction_both_ways_is_varied_on_one_side():
     base = scene(2, drive={"times": [0, 0.5], "period": 1, "actuation": [0, 3]})
     base = Scene.model_validate(base.document() | {"friction": {"isotropic": 1.0}})
