@@ -234,7 +234,17 @@ class _Periods:
         return max(b / a if a > 0.0 else 0.0 for a, b in itertools.pairwise(last))
 
     def transient_left(self) -> float:
-        """Estimate how far the last gain is from the periodic regime's [m]."""
+        """Estimate how far the last gain is from the gain of a regime that lasts [m].
+
+        On ground that differs, and is not all left behind, that is the regime of a body that walks in place.
+        """
+        ground, gain = self.crawler.scene.ground, self.gains[-1]
+        lasts = not ground.differs
+        if ground.differs and ground.regions is None:
+            lasts = has_left_all_ground(self.crawler, self.begin, float(gain), self.travel)
+        return self._transient_on_this_ground() + (0.0 if lasts else float(np.abs(gain).max()))
+
+    def _transient_on_this_ground(self) -> float:
         if self.repeats and self.turns:
             return self.error * self.travel
         if self.repeats:
@@ -250,17 +260,7 @@ class _Periods:
 
     def is_settled(self, tolerance: float) -> bool:
         """Determine whether the gain is within the tolerance [1] of the gain of a regime that lasts."""
-        allowed = max(tolerance, self.error) * self.travel
-        return self.transient_left() <= allowed and self._lasts(allowed)
-
-    def _lasts(self, allowed: float) -> bool:
-        """Determine whether the ground under the body stays the same: it walks in place, or leaves all of it behind."""
-        if not self.crawler.scene.ground.differs:
-            return True
-        if self.crawler.scene.ground.regions is not None:
-            return bool(np.abs(self.gains[-1]).max() <= allowed)
-        gain = float(self.gains[-1])
-        return abs(gain) <= allowed or has_left_all_ground(self.crawler, self.begin, gain, self.travel)
+        return self.transient_left() <= max(tolerance, self.error) * self.travel
 
     def finish(self, tolerance: float) -> LimitCycle:
         """Build the result."""

@@ -62,6 +62,10 @@ def determining_stiffness(body: Body) -> np.ndarray:
     return np.concatenate((body.stiffness, sliders[:, 1 + STIFFNESS], body.stiffness[springs[len(sliders) :]]))
 
 
+_ROOM = 2.0
+"""Travels of a period by which it has to keep clear of other ground."""
+
+
 def has_left_all_ground(crawler: Crawler, begin: np.ndarray, gained: float, travel: float) -> bool:
     """Determine whether a period on a line was beyond all borders and walls, so that it may repeat for ever.
 
@@ -71,7 +75,8 @@ def has_left_all_ground(crawler: Crawler, begin: np.ndarray, gained: float, trav
         crawler: the body, at the end of the period.
         begin: displacement at its beginning, shape (N,) [m].
         gained: what the body gained in it, whose sign is the direction of travel [m].
-        travel: the largest displacement within it [m].
+        travel: the largest displacement at its waypoints [m]; between them a contact may go a little further, and one
+            that stands at a wall has no distance from it.
 
     Returns:
         True on ground that is the same everywhere, too.
@@ -81,7 +86,7 @@ def has_left_all_ground(crawler: Crawler, begin: np.ndarray, gained: float, trav
         return True
     walls = np.zeros(0) if track.walls is None else track.walls.place[np.isfinite(track.walls.place)]
     at = crawler.body.position + begin
-    return bool((np.sign(gained) * (at[:, None] - np.concatenate((track.borders, walls))) > travel).all())
+    return bool((np.sign(gained) * (at[:, None] - np.concatenate((track.borders, walls))) > _ROOM * travel).all())
 
 
 def _remembering(body: Body) -> np.ndarray:

@@ -157,6 +157,26 @@ def test_a_body_that_stalls_on_ground_that_holds_more_and_more_gains_nothing() -
     assert later.displacement[-1, 0] == pytest.approx(stall, abs=1e-8)
 
 
+def test_a_body_that_a_wall_pushes_back_comes_to_rest() -> None:
+    """Its foremost contact touches the wall in each period; the tensions repeat at once, the gains shrink."""
+    rows = [[0.0, 0.0], [-0.05, 0.09], [-0.05, -0.07], [0.0, 0.0]]
+    document = {
+        "name": "pushed",
+        "body": {"contacts": [0.0, 0.28, 0.41], "links": [{"stiffness": 8.3}, {"stiffness": 11.0}]},
+        "friction": {"forward": [0.08, 0.12, 0.32], "backward": [0.17, 0.75, 0.18]},
+        "ground": {"walls": [{"at": 0.43, "stops": "forward"}]},
+        "drive": {"times": [0, 1, 2, 3], "period": 3, "actuation": rows},
+    }
+    scene = Scene.model_validate(document)
+    gains = simulate(scene, 90.0, 1.0).per_period
+    assert gains[1] < -1e-3
+    assert gains[-1] == 0.0
+    for tolerance in (1e-9, 1e-3):
+        found = limit_cycle(scene, tolerance)
+        assert found.settled
+        assert abs(found.gain) <= found.transient_left < tolerance
+
+
 def test_a_body_that_pushes_a_wall_gains_nothing() -> None:
     found = limit_cycle(load_scene("wall_pusher"))
     assert found.settled
