@@ -57,7 +57,7 @@ def draw_sweep(
     over = over or variations.values
     keys = [key for key, n in zip(over, variations.shape, strict=True) if n > 1]
     name, gain = shown_gain(runs) if column is None else shown_column(runs, column)
-    name, axis = split_column(runs, name)
+    name, axis = _split_column(runs, name)
     figure = open_figure(8, 5.5 if len(keys) == 2 else 4.5)
     axes = figure.subplots()
     unit = UNITS.get(name, "1")
@@ -220,16 +220,8 @@ def shown_gain(runs: ManyRuns) -> tuple[str, np.ndarray]:
     return name, column if column.ndim == 1 else column[:, 0]
 
 
-def split_column(runs: ManyRuns, column: str) -> tuple[str, str]:
-    """Split the name of a column into the name in `ManyRuns` and the axis, x or y.
-
-    Args:
-        runs: the results.
-        column: its name in the table.
-
-    Returns:
-        The name, and the axis, which means something for vectors.
-    """
+def _split_column(runs: ManyRuns, column: str) -> tuple[str, str]:
+    """Split a name in the table into the name in `ManyRuns` and the axis, x or y, which counts for vectors."""
     name, _, axis = column.rpartition("_")
     return (name, axis) if axis in ("x", "y") and hasattr(runs, name) else (column, "x")
 
@@ -247,7 +239,7 @@ def shown_column(runs: ManyRuns, column: str) -> tuple[str, np.ndarray]:
     Raises:
         CrawlerError: when no variation has a value.
     """
-    name, axis = split_column(runs, column)
+    name, axis = _split_column(runs, column)
     values = np.asarray(getattr(runs, name), dtype=np.float64)
     values = np.where(runs.status == "done", values if values.ndim == 1 else values[:, "xy".index(axis)], np.nan)
     if not np.isfinite(values).any():

@@ -209,10 +209,8 @@ def name_numbers(scene: Scene) -> tuple[str, ...]:
         Their names, in the plane with `_x` and `_y` for the components of vectors.
     """
     names = [name for name in (*UNITS, "unique", *COUNTS) if name not in SCREW or scene.body.turning is not None]
-    parts = {
-        name: (f"{name}_x", f"{name}_y") if scene.dimension == 2 and name in _VECTORS else (name,) for name in names
-    }
-    return tuple(part for name in names for part in parts[name])
+    vectors = _VECTORS if scene.dimension == 2 else ()
+    return tuple(name + axis for name in names for axis in (("_x", "_y") if name in vectors else ("",)))
 
 
 def _range(values: np.ndarray) -> str:

@@ -180,7 +180,6 @@ class _Periods:
         self.crawler, self.targets = crawler, targets
         self.turns = crawler.body.turning is not None
         self.error = (crawler.scene.tolerance or TURNING_TOLERANCE) if self.turns else 0.0
-        self.begin = crawler.displacement
         self.tension = self.determine()
         self.shrinks = 0.0
         self.differences: list[float] = []
@@ -239,9 +238,9 @@ class _Periods:
         On ground that differs, and is not all left behind, that is the regime of a body that walks in place.
         """
         ground, gain = self.crawler.scene.ground, self.gains[-1]
-        lasts = not ground.differs
-        if ground.differs and ground.regions is None:
-            lasts = has_left_all_ground(self.crawler, self.begin, float(gain), self.travel)
+        lasts = not ground.differs or (
+            ground.regions is None and has_left_all_ground(self.crawler, self.begin, float(gain), self.travel)
+        )
         return self._transient_on_this_ground() + (0.0 if lasts else float(np.abs(gain).max()))
 
     def _transient_on_this_ground(self) -> float:

@@ -237,21 +237,20 @@ class _Search:
     def _repeat_periods(self, crawler: Crawler, period: np.ndarray) -> float:
         """Follow periods until they repeat; return the gain of the last one [m]."""
         body, gained = self.scene.body, 0.0
-        tension, records = (
-            determining_tension(body, crawler),
-            np.empty((period.shape[0], 2 * body.contacts + body.springs)),
-        )
+        tension = determining_tension(body, crawler)
+        records = np.empty((period.shape[0], 2 * body.contacts + body.springs))
         for _ in range(_MOST_PERIODS):
             if self.periods >= self.most_periods:
                 raise _Spent
             self.periods += 1
             begin = crawler.displacement
             crawler.follow(period, records)
-            travel = float(np.abs(records[:, : begin.size] - begin).max())
             before, tension = tension, determining_tension(body, crawler)
             gained = float(average_displacement(body, crawler.gained[None])[0])
-            lasts = abs(gained) <= self.least_gain or has_left_all_ground(crawler, begin, gained, travel)
-            if lasts and tensions_repeat(body, period, tension, before, REPEATS):
+            if not tensions_repeat(body, period, tension, before, REPEATS):
+                continue
+            travel = float(np.abs(records[:, : begin.size] - begin).max())
+            if abs(gained) <= self.least_gain or has_left_all_ground(crawler, begin, gained, travel):
                 return gained
         self.settled = False
         return gained

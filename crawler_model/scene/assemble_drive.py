@@ -236,9 +236,11 @@ def _close(times: np.ndarray, period: Any, rows: np.ndarray) -> tuple[Any, np.nd
     """Let the period end at the last waypoint, and this be the first row, where only rounding makes them differ."""
     last, end = times[..., -1:], np.atleast_1d(period)
     end = np.where(np.abs(last - end) <= CRITICAL * last, last, end)
-    near = np.abs(rows[..., -1, :] - rows[..., 0, :]) <= CRITICAL * np.abs(rows).max(axis=-2)
-    rows = rows.copy()
-    rows[..., -1, :] = np.where(near, rows[..., 0, :], rows[..., -1, :])
+    first, final = rows[..., 0, :], rows[..., -1, :]
+    if (first != final).any():
+        near = np.abs(final - first) <= CRITICAL * np.abs(rows).max(axis=-2)
+        rows = rows.copy()
+        rows[..., -1, :] = np.where(near, first, final)
     return float(end[0]) if end.ndim == 1 else end, rows
 
 

@@ -109,7 +109,7 @@ def judge(
             why = "only a combination of it with others is determined, which is no ratio"
             if np.isfinite(width):
                 why = _explain_width(2.0 * width)
-            parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
+            parameters.append(_not_excited(name, why))
         elif p in structure.held:
             why = f"only its {relation} is determined; it is kept at {values[p]:.6g}"
             parameters.append(Parameter(name, "ratio", float(values[p]), (None, None), partners, why))
@@ -125,19 +125,20 @@ def judge(
         elif None in interval:
             end = interval[0] if interval[0] is not None else interval[1]
             if end is None:
-                why = "the noise hides it"
-                parameters.append(Parameter(name, "not excited", None, (None, None), (), why))
+                parameters.append(_not_excited(name, "the noise hides it"))
             else:
                 why = f"{'at least' if interval[1] is None else 'at most'} {end:.6g}: values beyond fit as well"
                 parameters.append(Parameter(name, "bound", end, interval, (), why))
         elif space.logarithmic[p] and max(below[p], above[p]) > WIDEST:  # other minima fit nearly as well
-            parameters.append(
-                Parameter(name, "not excited", None, (None, None), (), _explain_width(below[p] + above[p]))
-            )
+            parameters.append(_not_excited(name, _explain_width(below[p] + above[p])))
         else:
             why = "the motion determines it"
             parameters.append(Parameter(name, "identified", float(values[p]), interval, (), why))
     return tuple(parameters), [_choose(one, values[p], sums, chosen, p) for p, one in enumerate(parameters)]
+
+
+def _not_excited(name: str, why: str) -> Parameter:
+    return Parameter(name, "not excited", None, (None, None), (), why)
 
 
 def _explain_width(width: float) -> str:
@@ -213,7 +214,7 @@ def _judge_unseen(
             why = "what it held is not determined, because forces of the springs at the start are unknown"
         if np.abs(fit.residuals.jacobian[:, p]).max(initial=0.0) > 0.0:
             why = "an unknown offset, lag, scale or start has the same effect"
-        return Parameter(name, "not excited", None, (None, None), (), why)
+        return _not_excited(name, why)
     ends = {at_least: value for at_least, (value, _) in bounds.items()}
     sides = {True: "at least", False: "at most"}
     why = "; ".join(f"{sides[at_least]} {value:.6g}: {event}" for at_least, (value, event) in bounds.items())
