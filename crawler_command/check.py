@@ -105,8 +105,8 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
     _print_conditions(run, screen)
     _print_units(run.scene, screen)
     print_holding(run, screen)
-    if scene.drive.holds:
-        screen.print("no drive: the crawler waits for commands")
+    if isinstance(scene, Scene) and scene.drive.holds:
+        screen.print(f"{scene.unmoving_drive}: the crawler waits for commands")
     else:
         _print_motion(run, screen)
         print_largest_force(run, screen)

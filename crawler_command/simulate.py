@@ -130,7 +130,7 @@ def simulate_command(
     loaded = load_scene(scene)
     if loaded.drive.holds and duration is None:
         wanted = "set the simulated time with --duration, or find a drive: crawler optimise"
-        raise CrawlerError(f"{scene}: the scene has no drive; {wanted}")
+        raise CrawlerError(f"{scene}: the scene has {loaded.unmoving_drive}; {wanted}")
     if two_columns and png is None:
         raise CrawlerError("--two-columns needs --png: it arranges the panels of that page")
     for option, file in (("--parquet", parquet), ("--csv", csv), ("--png", png)):

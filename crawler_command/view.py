@@ -273,7 +273,9 @@ def _shoot(
 
     scene = load_scene(source)
     if scene.drive.holds:
-        raise CrawlerError(f"{source}: the scene has no drive, so nothing moves; record a run, or add a drive")
+        raise CrawlerError(
+            f"{source}: the scene has {scene.unmoving_drive}, so nothing moves; record a run, or add a drive"
+        )
     period = scene.drive.period
     if end is None:
         end = float(scene.drive.times[-1]) if period is None else start + _PERIODS * period

@@ -133,7 +133,7 @@ class Controls:
         if mode not in get_args(Mode):
             raise CommandError(f"mode: {mode!r}; it must be one of {', '.join(get_args(Mode))}")
         if mode == "scene" and self.scene.drive.holds:
-            raise CommandError(f"mode: scene; {self.scene.name} has no drive, use hand or wave")
+            raise CommandError(f"mode: scene; {self.scene.name} has {self.scene.unmoving_drive}, use hand or wave")
         return Settings(mode, tuple(hand), _change_wave(settings.wave, _mapping(message, "wave")), slope)
 
     def led(self, mode: Mode) -> np.ndarray:

@@ -129,7 +129,9 @@ def plan_sweep(
     variations, columns = _vary(scene, values)
     settings.check()
     if scene.drive.holds and settings.duration is None:
-        raise CrawlerError(f"{scene.name}: the scene has no drive; set the simulated time with --duration")
+        raise CrawlerError(
+            f"{scene.name}: the scene has {scene.unmoving_drive}; set the simulated time with --duration"
+        )
     if png is None and 1 <= sum(n > 1 for n in variations.shape) <= 2:
         png = out.with_suffix(".png")
     elif png is not None and not 1 <= sum(n > 1 for n in variations.shape) <= 2:

@@ -61,6 +61,11 @@ class Scene(Assembly):
             part["elements"] = segment.elements
         return document
 
+    @property
+    def unmoving_drive(self) -> str:
+        """What a scene has whose drive holds its command, for messages: no drive, or one of a single row."""
+        return "no drive" if self.parts.drive is None else "a drive of one row"
+
     def __eq__(self, other: object) -> bool:
         """Compare what they are rebuilt from; the number of elements that an accuracy asks for is part of it."""
         return self.document() == other.document() if isinstance(other, Scene) else NotImplemented
@@ -76,10 +81,10 @@ class Scene(Assembly):
     def _repr_html_(self) -> str:
         """Describe the scene in a notebook."""
         drive = self.drive
-        period = "no drive" if drive.holds else "no period" if drive.period is None else f"period {drive.period:g} s"
+        period = "no period" if drive.period is None else f"period {drive.period:g} s"
         facts = {
             "body": self.body.describe(),
-            "drive": f"{drive.times.size} waypoints, {period}",
+            "drive": self.unmoving_drive if drive.holds else f"{drive.times.size} waypoints, {period}",
             "commands": ", ".join(self.columns.names),
         }
         return write_html(f"Scene {self.name}", facts.items())

@@ -99,7 +99,7 @@ class GaitPlayer(QuietNode):
         )
         self.patience_s = float(self.declare_parameter("patience", _PATIENCE_S, descriptor).value) or float("inf")
         if scene.drive.holds:
-            raise CrawlerError(f"scene: {scene.name} has no drive to play")
+            raise CrawlerError(f"scene: {scene.name} has {scene.unmoving_drive}, and no gait to play")
         self.drive = scene.drive
         names, self._rows = list_commands(self.drive)
         self._message = TrajectoryMessage(names)

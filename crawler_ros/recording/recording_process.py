@@ -31,16 +31,19 @@ def main() -> int:
 
 def _record(header: dict[str, Any], pieces: Iterator[memoryview]) -> int:
     """Write the recording that a header describes; return the exit status."""
+    folder, is_open = header["folder"], False
     try:
-        bag = BagWriter(Path(header["folder"]), header["attachments"])
+        bag = BagWriter(Path(folder), header["attachments"])
         for name, type_name, definition, metadata in header["channels"]:
             bag.add_channel(name, type_name, definition.encode(), metadata)
         _report("")  # it is open
+        is_open = True
         _write(pieces, bag)
         trouble = bag.find_trouble()
         bag.close()
-    except OSError as error:  # such as a full disk: flushed messages can be recovered
-        _report(str(error))
+    except OSError as error:
+        remains = is_open and not isinstance(error, FileNotFoundError)  # such as on a full disk: what was flushed
+        _report(f"{folder}: {error}; crawler replay --recover writes what remains" if remains else str(error))
         return 1
     if trouble:
         _report(trouble)

@@ -311,6 +311,7 @@ LIMITS = [
     ("slope_climber", {}, TOW + "0.2435883 N backward, where it still gains 0.0507596 m, none beyond"),
     ("slope_climber", {"loads": 0.3}, "not searched for: the loads of the scene have no equilibrium on level ground"),
     ("slope_climber", {"drive": None}, "no drive: the crawler waits for commands"),
+    ("slope_climber", {"drive": {"times": [0], "actuation": [[0.0]]}}, "a drive of one row: the crawler waits for"),
     ("two_contacts_anisotropic", {}, TOW + "0.3 N backward, where it still gains 0.065 m, none beyond"),
     ("two_contacts_anisotropic", {"friction": {"forward": 0.5, "backward": 0.2}}, TOW + "0.3 N forward, where"),
     ("two_contacts_critical", {}, TOW + "none, as the drive does not carry the body without it"),
@@ -436,7 +437,14 @@ MISTAKES = [
     (["simulate", "typo.yaml"], "body.links.stifness: unknown key; the nearest known key is 'stiffness'"),
     (["check", "typo.yaml"], "unknown key"),
     (["check", "code.yaml"], "not plain YAML"),
-    (["simulate", "idle.yaml"], "set the simulated time with --duration"),
+    (["simulate", "idle.yaml"], "the scene has no drive; set the simulated time with --duration"),
+    (["simulate", "held.yaml"], "the scene has a drive of one row; set the simulated time with --duration"),
+    (
+        ["sweep", "held.yaml", "--vary", "friction.isotropic=1:2:3", "--out", "x.csv"],
+        "held: the scene has a drive of one",
+    ),
+    (["animate", "held.yaml", "--out", "x.gif"], "held.yaml: the scene has a drive of one row, so nothing moves"),
+    (["compare", "held.yaml", "two_anchor_a"], "held: the scene has a drive of one row; a comparison needs cycles"),
     (["view", "nothing"], "nothing: no such file or folder"),
     (["view", "."], "this machine has no display"),
     (["view", ".", "--at", "3"], "--at needs --png"),
@@ -484,9 +492,9 @@ def test_a_mistake_is_one_clear_line(arguments, said, tmp_path):
         "{name: x, body: {contacts: [0, 1], links: {stifness: 1}}, friction: {isotropic: 1}}"
     )
     (tmp_path / "code.yaml").write_text("name: !!python/object/apply:os.system [echo]")
-    (tmp_path / "idle.yaml").write_text(
-        "{name: i, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}}"
-    )
+    idle = "name: held, body: {contacts: [0, 1], links: {stiffness: 1}}, friction: {isotropic: 1}"
+    (tmp_path / "idle.yaml").write_text(f"{{{idle}}}")
+    (tmp_path / "held.yaml").write_text(f"{{{idle}, drive: {{times: [0], actuation: [[0.1]]}}}}")
     (tmp_path / "text.mcap").write_text("hello")
     (tmp_path / "drawn.rrd").write_bytes(b"RRF2")
     (tmp_path / "fake.rrd").write_text("hello")

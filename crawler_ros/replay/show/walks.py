@@ -90,7 +90,7 @@ def walk_of_scene(name: str, scene: Scene) -> Walk:
     """
     drive = scene.drive
     if drive.holds:
-        raise CrawlerError(f"{name}: the scene has no drive; a comparison needs cycles")
+        raise CrawlerError(f"{name}: the scene has {scene.unmoving_drive}; a comparison needs cycles")
     period, count = (float(drive.times[-1]), 1) if drive.period is None else (drive.period, _PERIODS)
     run = simulate(scene, count * period, _SAMPLES / period)
     every = np.arange(count + 1) * _SAMPLES

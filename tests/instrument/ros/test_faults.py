@@ -249,10 +249,12 @@ def fails_to_record(ros, bags, reason, fill):
         wait_until(lambda: reason in process.said, what="a line in the log")
         wait_for_more(ros, 1000)
     assert process.end() == 1
-    assert process.said.splitlines()[-1].startswith("simulator: recording stopped: [Errno")
-    assert process.said.count(f"recording stopped: [Errno {28 if 'space' in reason else 27}] {reason}") >= 1
+    path = only(bags)
+    told = f"recording stopped: {path}: [Errno {28 if 'space' in reason else 27}] {reason}; crawler replay --recover"
+    assert process.said.splitlines()[-1].startswith(f"simulator: {told}")
+    assert process.said.count(told) >= 2
     assert "Traceback" not in process.said
-    return only(bags)
+    return path
 
 
 def assert_recovered(path):

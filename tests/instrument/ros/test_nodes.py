@@ -417,4 +417,4 @@ def test_a_player_without_a_drive_says_so(tmp_path):
     words = ("--ros-args", "-p", f"scene:={scene}")
     status, text = finish(tmp_path, "crawler_ros.node.gait_player", *words, environment=environment())
     assert status == 1
-    assert "idle has no drive to play" in text
+    assert "idle has no drive, and no gait to play" in text
