@@ -89,17 +89,11 @@ def print_report(run: Trajectory, screen: Console) -> None:
 
 def _print_findings(run: Trajectory, screen: Console) -> None:
     scene, body = run.scene, run.scene.body
-    if scene.ground.regions is not None:
-        screen.print("stasis domain and directions hold for the ground outside the regions")
-    if scene.ground.track is not None and scene.ground.track.borders.size:
-        where = "where a factor of 1 and the slope of the track hold"
-        if scene.ground.track.profile is None:
-            where = "outside the patches"
-        screen.print(f"stasis domain, directions and uniqueness margin hold for the ground {where}")
-    if scene.ground.track is not None and scene.ground.track.couplings:
-        screen.print(
-            "stasis domain, directions and uniqueness margin hold for the friction without what elongations add"
+    if scene.ground.even_part:
+        what = (
+            "stasis domain, directions and uniqueness margin" if body.dimension == 1 else "stasis domain and directions"
         )
+        screen.print(f"{what} hold {scene.ground.even_part}")
     if body.dimension == 1:
         screen.print(_direction(run))
     _print_conditions(run, screen)

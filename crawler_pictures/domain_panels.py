@@ -81,9 +81,10 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
     targets = scene.drive.targets[:, columns.lengths :][:, : columns.frictions].reshape(-1, contacts, 4)
     friction = np.unique(targets, axis=0)
     shown = np.flatnonzero(friction.any(axis=(0, 2)))[:MOST_PANELS]
-    rows, name = last_period(run), shorten(scene.name, 45)
+    rows, name, where = last_period(run), shorten(scene.name, 45), scene.ground.even_part
     return draw_panels(
-        f"{name}: what friction holds at each point, and the force on it over the last period, in its frame",
+        f"{name}: what friction holds at each point, and the force on it over the last period, in its frame"
+        + (f"\n(the sets hold {where})" if where else ""),
         {i: [_outline(sides) for sides in friction[:MOST_SETS, i]] for i in shown.tolist()},
         "point",
         forces_in_frames(run, rows),

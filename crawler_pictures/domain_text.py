@@ -79,13 +79,8 @@ def friction_at(scene: Plan, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def title(scene: Plan) -> str:
     """Name a picture, and the ground that its domain belongs to."""
     name = shorten(scene.name, 45).replace("$", r"\$")  # it may stand next to formulas
-    track = scene.ground.track
-    if track is not None and track.couplings:
-        return f"stasis domain: {name}, without the friction that elongations add"
-    if track is not None and track.profile is not None:
-        return f"stasis domain: {name}, on ground with a factor of 1"
-    patched = track is not None and track.borders.size
-    return f"stasis domain: {name}" + (", on the ground outside its patches" if patched else "")
+    where = scene.ground.even_part
+    return f"stasis domain: {name}" + (f", {where}" if where else "")
 
 
 def verdict(domains: Sequence[StasisDomain]) -> str:

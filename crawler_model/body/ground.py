@@ -256,6 +256,22 @@ class Ground:
             return "ground.regions"
         return "" if self.track is None else self.track.differs
 
+    @property
+    def even_part(self) -> str:
+        """Where stasis domains hold, which follow from the scene's own friction and slope; empty if everywhere."""
+        if self.regions is not None:
+            return "outside the regions"
+        track, parts = self.track, list[str]()
+        if track is not None and track.profile is not None:
+            parts.append("where a factor of 1 and the slope of the track hold")
+        elif track is not None and track.borders.size:
+            parts.append("outside the patches")
+        if track is not None and track.walls is not None:
+            parts.append("away from walls")
+        if track is not None and track.couplings:
+            parts.append("without the friction that elongations add")
+        return ", ".join(parts)
+
     def scale_friction(self, friction: np.ndarray, at: np.ndarray) -> np.ndarray:
         """Multiply friction by the factors of the regions of the plane that points stand on.
 

@@ -376,6 +376,21 @@ def test_check_says_what_slope_and_tow_a_body_holds_and_climbs(name, change, sai
     assert "a tow on contact 1 alone moves it first" in out
 
 
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("ice", "stasis domain, directions and uniqueness margin hold outside the patches"),
+        ("wall_pusher", "stasis domain, directions and uniqueness margin hold away from walls"),
+        ("snake_over_two_grounds", "stasis domain and directions hold outside the regions"),
+        ("worm_in_a_tube", "slope of the track hold, without the friction that elongations add"),
+    ],
+)
+def test_check_tells_which_ground_a_stasis_domain_belongs_to(name, where, capsys):
+    with pytest.raises(SystemExit):
+        main(["check", name])
+    assert where in " ".join(capsys.readouterr().out.split())
+
+
 PLANAR = {
     "name": "planar",
     "dimension": 2,
