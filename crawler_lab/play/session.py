@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import copy
 import hashlib
 import json
 import time
@@ -244,7 +245,7 @@ class Session:
             text: as from `encode`.
 
         Raises:
-            CommandError: if it is damaged, or belongs to another scene or rate.
+            CommandError: if it is damaged, or belongs to another scene or rate; the session does not change.
         """
         try:
             packed = base64.urlsafe_b64decode(text + "=" * (-len(text) % 4))
@@ -259,17 +260,18 @@ class Session:
             raise CommandError(
                 f"link: {ticks} ticks at {rate} Hz; this session runs at {self.rate} Hz: use --rate {rate}"
             )
-        self.seek(0)
-        del self.ticks[1:], self._kept[1:]
+        repeated = copy.copy(self)
+        repeated.ticks, repeated._kept = self.ticks[:1], self._kept[:1]
+        repeated.seek(0)
         try:
             for tick, mode, hand, wave, slope in [*changes, [ticks, None, {}, [], 0.0]]:
-                while self.now < min(tick, ticks):
-                    self.step()
+                while repeated.now < min(tick, ticks):
+                    repeated.step()
                 if mode is not None:
-                    self._set(mode, hand, wave, slope)
+                    repeated._set(mode, dict(hand), wave, slope)
         except (TypeError, ValueError, IndexError, OverflowError):
             raise CommandError("link: it is damaged; copy it completely") from None
-        self.changed += 1
+        vars(self).update(vars(repeated))
 
     def _set(self, mode: Any, hand: dict[str, float], wave: list[float], slope: float) -> None:
         """Set settings from a text, with the checks that settings of a page pass."""

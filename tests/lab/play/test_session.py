@@ -133,6 +133,20 @@ def test_a_damaged_link_or_one_of_another_scene_is_refused():
         Session(load_scene("two_anchor_b"), 50.0).restore(code)
 
 
+@pytest.mark.parametrize(
+    "change", [[3, "hand", [1.0], [], 0.0], [3, "hand", {"9": 1.0}, [], 0.0], [3, "fast", {}, [], 0.0], [3], None]
+)
+def test_a_link_that_is_refused_halfway_leaves_the_session_as_it_was(change):
+    session = play("two_anchor_a")
+    told = json.loads(zlib.decompress(base64.urlsafe_b64decode(session.encode() + "==")))
+    link = base64.urlsafe_b64encode(zlib.compress(json.dumps(told | {"ticks": 5, "changes": [change]}).encode()))
+    before = session.crawler.copy(), session.now, len(session.ticks), session.settings
+    with pytest.raises(CommandError):
+        session.restore(link.decode().rstrip("="))
+    assert (session.crawler, session.now, len(session.ticks), session.settings) == before
+    session.step()
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_a_saved_scene_simulates_to_the_same_displacement(name, tmp_path):
     session = play(name)
