@@ -12,6 +12,7 @@ import numpy as np
 from crawler_model import CommandError, Scene
 from crawler_model.body.drive import wave
 from crawler_model.body.turning import check_sides
+from crawler_model.errors import LARGEST
 
 from .sliders import SLOPE, list_controls, plain_name, round_up
 
@@ -220,11 +221,13 @@ class Controls:
             rows: shape (V, C).
 
         Raises:
-            CommandError: if a value is not finite, or a friction is negative or, if the body turns, far from others.
+            CommandError: if a value is not finite or too large, or a friction is negative or, if the body turns, far
+                from others.
         """
         columns = self.scene.columns
-        for column in np.flatnonzero(~np.isfinite(rows).all(axis=0))[:1]:
-            raise CommandError(f"{columns.names[column]}: {rows[:, column].max():g}; it must be a finite number")
+        for column in np.flatnonzero(~(np.abs(rows) <= LARGEST).all(axis=0))[:1]:
+            value = rows[:, column].max()
+            raise CommandError(f"{columns.names[column]}: {value:g}; it must be at most {LARGEST:g} in size")
         friction = rows[:, columns.lengths :][:, : columns.frictions]
         for k in np.flatnonzero((friction < 0.0).any(axis=0))[:1]:
             raise CommandError(
