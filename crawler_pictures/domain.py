@@ -19,7 +19,6 @@ from .domain_many import draw_many, draw_three
 from .domain_panels import MOST_PANELS, MOST_SETS, draw_panels, draw_turning
 from .domain_text import STYLE, last_period, simulated
 from .domain_two import draw_two
-from .numbers import shorten
 from .style import own_style, write_figure
 
 if TYPE_CHECKING:
@@ -51,15 +50,15 @@ def draw_domain(scene: Plan, png: Path) -> None:
 def _draw_plane(scene: Plan, run: Trajectory) -> Figure:
     """Draw each contact's friction set and spring force, of at most nine contacts."""
     body, drive = scene.body, scene.drive
-    rows, name, where = last_period(run), shorten(scene.name, 45), scene.ground.even_part
+    rows = last_period(run)
     force = np.array([body.spring_force(t) for t in run.tension[rows]])
     if scene.columns.loads:
         targets = drive.sample(np.rint(run.time[rows] * NS).astype(np.int64))
         force = force + split_target(body, scene.directions, targets)[2]
     friction = np.unique(split_target(body, scene.directions, drive.targets)[1], axis=0)
     return draw_panels(
-        f"{name}: admissible friction forces of each contact, and its spring force over the last period"
-        + (f"\n(the sets hold {where})" if where else ""),
+        scene,
+        "admissible friction forces of each contact, and its spring force over the last period",
         {
             i: [_friction_outline(mu, scene.directions) for mu in friction[:MOST_SETS, i]]
             for i in range(min(body.contacts, MOST_PANELS))

@@ -25,7 +25,8 @@ MOST_PANELS, MOST_SETS = 9, 6
 
 
 def draw_panels(
-    title: str,
+    scene: Plan,
+    what: str,
     sets: Mapping[int, Sequence[np.ndarray]],
     name: str,
     force: np.ndarray,
@@ -36,7 +37,8 @@ def draw_panels(
     """Draw what friction holds at each contact, and the path of the force on it, in green where it slides.
 
     Args:
-        title: above all panels.
+        scene: the scene; its name, and the ground that the sets belong to, are written above all panels.
+        what: what the panels show.
         sets: the outlines of the sets of forces that friction holds, by contact, each of shape (V, 2) [N].
         name: what a contact is called.
         force: shape (T, N, 2) [N].
@@ -51,7 +53,8 @@ def draw_panels(
     rows = -(-len(sets) // columns)
     figure = open_figure(4.2 * columns, 4.8 * rows)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    figure.suptitle(title, parse_math=False)
+    title, where = f"{shorten(scene.name, 45)}: {what}", scene.ground.even_part
+    figure.suptitle(f"{title}\n(the sets hold {where})" if where else title, parse_math=False)
     for axis, (i, outlines) in zip(axes, sets.items(), strict=False):
         for outline in outlines:
             axis.fill(*outline.T, facecolor="#f2dcda", edgecolor="#c83c3c", linewidth=1.2, alpha=0.6)
@@ -81,10 +84,10 @@ def draw_turning(scene: Plan, run: Trajectory) -> Figure:
     targets = scene.drive.targets[:, columns.lengths :][:, : columns.frictions].reshape(-1, contacts, 4)
     friction = np.unique(targets, axis=0)
     shown = np.flatnonzero(friction.any(axis=(0, 2)))[:MOST_PANELS]
-    rows, name, where = last_period(run), shorten(scene.name, 45), scene.ground.even_part
+    rows = last_period(run)
     return draw_panels(
-        f"{name}: what friction holds at each point, and the force on it over the last period, in its frame"
-        + (f"\n(the sets hold {where})" if where else ""),
+        scene,
+        "what friction holds at each point, and the force on it over the last period, in its frame",
         {i: [_outline(sides) for sides in friction[:MOST_SETS, i]] for i in shown.tolist()},
         "point",
         forces_in_frames(run, rows),

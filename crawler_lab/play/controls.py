@@ -226,7 +226,7 @@ class Controls:
         """
         columns = self.scene.columns
         for column in np.flatnonzero(~(np.abs(rows) <= LARGEST).all(axis=0))[:1]:
-            value = rows[:, column].max()
+            value = rows[np.abs(rows[:, column]).argmax(), column]
             raise CommandError(f"{columns.names[column]}: {value:g}; it must be at most {LARGEST:g} in size")
         friction = rows[:, columns.lengths :][:, : columns.frictions]
         for k in np.flatnonzero((friction < 0.0).any(axis=0))[:1]:

@@ -262,6 +262,7 @@ def test_a_slope_by_hand_acts_as_that_of_a_scene():
         ({"set": {"link_0": "far"}}, "link_0: 'far'; it must be a finite number"),
         ({"set": {"link_0": float("nan")}}, "link_0: nan; it must be a finite number"),
         ({"set": {"link_0": 1e200}}, r"link_0: 1e\+200; it must be at most 1e\+100 in size"),
+        ({"set": {"link_0": -1e200}}, r"link_0: -1e\+200; it must be at most 1e\+100 in size"),
         ({"set": {"contact_0/forward": -1.0}}, "contact_0/forward: -1 N; friction must be >= 0"),
         ({"set": {"slope": 80.0}}, "slope: 80 degrees; it must be between -60 and 60"),
         ({"set": {"slope": 60.0}}, "command: the loads sum to .* N backward, but friction"),
