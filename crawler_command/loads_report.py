@@ -33,7 +33,17 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         return
     if body.dimension == 2:
         _print_planar_holding(scene, screen)
-        return
+    else:
+        _print_holding_on_line(run, screen)
+    if scene.ground.even_part:
+        screen.print(
+            "the limits at rest are the sums of the friction at the start: contacts that slide before the body gives way "
+            "may change them"
+        )
+
+
+def _print_holding_on_line(run: Trajectory, screen: Console) -> None:
+    scene, body = run.scene, run.scene.body
     drive, ground = scene.drive, scene.ground
     load = drive.loads[0] if scene.columns.loads else np.zeros(body.contacts)
     plus, minus = drive.forward[0], drive.backward[0]

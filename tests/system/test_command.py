@@ -302,6 +302,12 @@ CLIMB = "steepest slope at which a period still gains: "
 TOW = "largest tow on contact 1 at which a period still gains: "
 FRONT = {"from": 0.1, "to": 0.9, "friction": 0.5}
 TENDON_BODY = {"contacts": [0.0, 1.0], "links": {"stiffness": 10.0, "tension": {"least": 0.0}}}
+GRIP = {
+    "forward": 0.2,
+    "backward": 0.2,
+    "with_elongation": [{"link": 0, "contacts": [0, 1], "elongation": [-0.2, 0.0, 0.2], "added": [1.0, 1.0, 0.0]}],
+}
+AT_THE_START = "the limits at rest are the sums of the friction at the start: contacts that slide before"
 LIMITS = [
     (
         "slope_climber",
@@ -327,6 +333,8 @@ LIMITS = [
         "these are limits of friction, as are the slopes: where a link",
     ),
     ("ice", {"ground": {"patches": [FRONT]}}, "at rest, on any contact: 0.3 N forward, 0.75 N backward"),
+    ("ice", {}, AT_THE_START),
+    ("slope_climber", {"friction": GRIP}, AT_THE_START),
     (
         "slope_climber",
         {"ground": {"patches": [FRONT]}},
