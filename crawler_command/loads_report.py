@@ -37,8 +37,8 @@ def print_holding(run: Trajectory, screen: Console) -> None:
         _print_holding_on_line(run, screen)
     if scene.ground.even_part:
         screen.print(
-            "the limits at rest are the sums of the friction at the start: contacts that slide before the body gives way "
-            "may change them"
+            "the limits at rest are the sums of the friction at the start: contacts that slide before the body gives "
+            "way may change them"
         )
 
 
