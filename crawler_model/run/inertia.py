@@ -219,6 +219,10 @@ class InertiaMeter:
         targets = np.ascontiguousarray(rows[1:])
         met = follow_pieces(motion, state, scratch, targets, default_budget(self._plan.body), account, records)
         seconds = (ends - begins) / NS
+        pauses = np.setdiff1d(np.arange(ends.size), met[:, RAMP])  # nothing is commanded there, and nothing moves
+        met = np.concatenate((met, np.zeros((pauses.size, met.shape[1]))))
+        met[met.shape[0] - pauses.size :, RAMP], met[met.shape[0] - pauses.size :, UNTIL] = pauses, 1.0
+        met = met[np.argsort(met[:, RAMP], kind="stable")]
         ramp = met[:, RAMP].astype(np.int64)
         kept = (met[:, UNTIL] - met[:, FROM] > _SHORTEST) & (seconds[ramp] > 0.0)
         met, ramp = met[kept], ramp[kept]

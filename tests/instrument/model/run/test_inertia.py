@@ -57,6 +57,16 @@ def test_a_drive_without_a_period_ends_in_a_stop():
     assert simulate(two_contacts(drive=once, weights=0.5), 0.45).inertia.number == pytest.approx(AT_ONE_SECOND)
 
 
+@pytest.mark.parametrize("rate", [1.0, 7.0, 100.0])
+def test_a_pause_within_a_drive_is_a_stop(rate):
+    """The link grows faster from row to row, pauses, and goes on as it ended."""
+    lengths = np.cumsum([0.0, 0.01, 0.02, 0.04, 0.0, 0.04, 0.02, 0.01])
+    drive = {"times": np.arange(lengths.size).tolist(), "actuation": lengths[:, None].tolist()}
+    found = simulate(two_contacts(drive=drive, masses=MASS), rate=rate).inertia
+    assert found.number == pytest.approx(0.04 * np.sqrt(STIFFNESS * MASS) / (FORWARD + BACKWARD), rel=1e-9)
+    assert found.time == 3.0
+
+
 def test_friction_counts_as_commanded_at_the_event():
     """The front contact starts at 1/20 of the period, where its frictions have risen by half a tenth of the rise."""
     table = {
