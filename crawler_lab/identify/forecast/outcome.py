@@ -13,7 +13,7 @@ from crawler_model.run.cycle import limit_cycle
 from crawler_model.run.simulate import simulate
 from crawler_model.scene.scene import Scene
 
-from ...derivative.sensitivities import sensitivities
+from ...derivative.sensitivities import Sensitivities, sensitivities
 from .posterior import Interval, beyond_bound
 
 TOTALS = 4
@@ -47,6 +47,8 @@ class Outcome:
         time: times of the positions, shape (T,) [s].
         transient_left: estimate of how far the gain a period is from the limit cycle's [m]; 0 without a period.
         unique: whether the translation is determined everywhere.
+        one_sided: parameters at a kink of the gain a period or of the run, bool, shape (P,).
+        unresolved: parameters by which the derivatives of these depend on the elements, bool, shape (P,).
     """
 
     results: np.ndarray
@@ -57,6 +59,8 @@ class Outcome:
     time: np.ndarray
     transient_left: float
     unique: bool
+    one_sided: np.ndarray
+    unresolved: np.ndarray
 
     def differs(self, other: Outcome) -> bool:
         """Determine whether another body moves in another way.
@@ -102,9 +106,11 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
         jacobian[2] = slopes.net_translation[-1] - slopes.net_translation[0]
         jacobian[3] = slopes.work
         jacobian[TOTALS:] = slopes.displacement.reshape(-1, count)
-    regime, jacobian[:2], left = totals, jacobian[2:TOTALS], 0.0
+    regime, jacobian[:2], left, found = totals, jacobian[2:TOTALS], 0.0, slopes
     if period is not None and not scene.ground.differs:
-        regime, jacobian[:2], left = _find_regime(scene, names)
+        regime, left, found = _find_regime(scene, names)
+        if found is not None:
+            jacobian[0], jacobian[1] = found.per_period[-1], found.period_work[-1]
     elif period is not None:
         regime, jacobian[:2] = [total / periods for total in totals], jacobian[2:TOTALS] / periods
     results = np.concatenate((regime, totals, position.ravel()))
@@ -112,15 +118,26 @@ def find_outcome(scene: Scene, names: Sequence[str], periods: int, rate: float) 
     values = np.zeros(0) if slopes is None else slopes.values
     moved = np.abs(jacobian) * np.maximum(np.abs(values), _LEAST)
     effect = np.asarray((moved > _EFFECT * _units(results.size, size)[:, None]).any(axis=0))
-    return Outcome(results, jacobian, values, size, effect, run.time, left, run.unique)
+    return Outcome(
+        results=results,
+        slopes=jacobian,
+        values=values,
+        size=size,
+        effect=effect,
+        time=run.time,
+        transient_left=left,
+        unique=run.unique,
+        one_sided=np.zeros(0, np.bool_) if found is None else found.one_sided,
+        unresolved=np.zeros(0, np.bool_) if found is None else found.unresolved,
+    )
 
 
-def _find_regime(scene: Scene, names: Sequence[str]) -> tuple[list[float], np.ndarray, float]:
-    """Find gain and work of a period of the limit cycle, their derivatives, and what is left of the transient."""
+def _find_regime(scene: Scene, names: Sequence[str]) -> tuple[list[float], float, Sensitivities | None]:
+    """Find gain and work of a period of the limit cycle, what is left of the transient, and the derivatives."""
     cycle = limit_cycle(scene, most_periods=_MOST_PERIODS)
     values = [float(cycle.gain), cycle.work]
     if not names:
-        return values, np.zeros((2, 0)), cycle.transient_left
+        return values, cycle.transient_left, None
     period = scene.drive.period
     assert period is not None
     count = cycle.periods + 2
@@ -130,7 +147,7 @@ def _find_regime(scene: Scene, names: Sequence[str]) -> tuple[list[float], np.nd
         change = np.abs(rows[1] - rows[0]).max(axis=1, initial=0.0)
         settled = (change <= _SETTLED * np.abs(rows[1]).max(axis=1, initial=1e-300)).all()
         if settled or 2 * count > _MOST_PERIODS:
-            return values, rows[1], cycle.transient_left
+            return values, cycle.transient_left, found
         count *= 2
 
 

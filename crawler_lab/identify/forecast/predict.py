@@ -426,6 +426,12 @@ def _notes(posterior: Posterior, names: tuple[str, ...], best: Outcome, own_driv
         for what, rows in (("gain", scaled[::2]), ("energy", scaled[1::2])):
             if rows.any():
                 notes.append(f"the {what} holds for {kept or 'the values found'}: the record determines only ratios")
+    for marked, why in (
+        (best.one_sided, "the gain has a kink at the value of %s: the bands are those of one side"),
+        (best.unresolved, "derivatives by %s depend on the elements of segments, and so do the bands"),
+    ):
+        if among := [name for name, has in zip(names, marked, strict=True) if has and name in posterior.names]:
+            notes.append(why % ", ".join(among))
     if not best.unique:
         notes.append(f"not unique: in some interval {UNDETERMINED}")
     if not np.isfinite(best.transient_left):

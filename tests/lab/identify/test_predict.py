@@ -256,6 +256,14 @@ def test_ratios_predict_the_gain_and_a_note_tells_what_the_energy_holds_for():
     assert read_posterior(printed(known)).held == {stiffness[0]: 10.0}
 
 
+@pytest.mark.parametrize(("stroke", "kinks"), [(0.025, 0), (0.026, 1), (0.027, 0)])
+def test_a_note_tells_where_bands_belong_to_one_side_of_a_kink(stroke, kinks):
+    """Contact 2 is at its bound when the drive ends: with less friction it would have slid."""
+    drive = {"times": [0.0, 1.0], "actuation": [[0.0, 0.0], [0.0, stroke]]}
+    found = predict(robot(drive), posterior())
+    assert len([note for note in found.notes if "has a kink at the value of friction.forward[2]" in note]) == kinks
+
+
 def test_a_posterior_is_read_as_it_is_written(tmp_path):
     known = posterior(
         without=(LEFT, NAMES[4]),
