@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from crawler_model import CrawlerError, Scene
+from crawler_model.body.turning import SIDES
 
 from ..sweep.stack import Stack, stack
 from ..sweep.vary import Variations, vary
@@ -21,6 +22,10 @@ OF_SCENE = ("friction", "stiffness", "loads", "slope")
 KEYS = (*OF_SCENE, "delay", "noise", "noise_seed")
 """The others: delay of the actions in steps; standard deviation of the noise of the sensors relative to the scale of
 each reading; the seed of that noise."""
+_FRICTION = (*SIDES, "isotropic", "value", "added")
+"""The keys that hold friction or coefficients of friction, or a table of them."""
+_PARTS_OF_FRICTION = ("coefficient", "with_elongation")
+"""The keys with parts that hold such keys."""
 MOST_DELAY = 1000
 MOST_SEED = 2**63 - 1
 
@@ -193,10 +198,10 @@ def _stiffnesses(node: Any, name: str) -> Iterator[tuple[str, float]]:
 
 
 def _numbers(node: Any, name: str) -> Iterator[tuple[str, float]]:
-    """List the numbers below a key, but not places and directions."""
+    """List the numbers below a key that are friction, stiffness, tensions or loads: not places, angles or links."""
     if isinstance(node, Mapping):
         for key, inner in node.items():
-            if key not in ("at", "directions"):
+            if key in _FRICTION or key in _PARTS_OF_FRICTION:
                 yield from _numbers(inner, f"{name}.{key}")
     elif isinstance(node, list):
         for i, inner in enumerate(node):

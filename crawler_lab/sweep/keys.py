@@ -132,7 +132,7 @@ def make_room(scene: Scene, document: dict[str, Any], path: KeyPath) -> None:
             break
         node = node[step]
         if isinstance(node, dict):
-            side = next((s for s in path if s in (*sides, "isotropic")), None)
+            side = next((s for s in path if s in (*sides, "isotropic", "with_elongation")), None)
             if side in sides and "isotropic" in node:
                 node.update(dict.fromkeys(sides, node.pop("isotropic")))
             elif side == "isotropic" and side not in node and "forward" in node:
