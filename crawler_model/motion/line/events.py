@@ -16,7 +16,7 @@ from .clusters import fall_asleep, set_clusters
 from .critical.interval import follow_strays, follow_strays_of_block
 from .critical.margin import sample_margin
 from .critical.translation import choose, chooses_alone, note_interval, release_parts
-from .ground.borders import catch, leave_border, reach_border, rest_on_border
+from .ground.borders import catch, is_any_at_border, leave_border, reach_border, rest_on_border
 from .ground.bounds import follow_ground, rate_at_bound
 from .ground.chords import begin_chord, end_chord, halve_chord, is_curved, meets_chord
 from .ground.couplings import couplings_of, follow_couplings, is_coupled
@@ -369,7 +369,8 @@ def _sample(contacts, springs, model, curves, ramp):
 def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
     """Advance the ramp to the end of a stretch, where borders change bounds at once, and springs that are flat stiffen.
 
-    The visited margin is updated before, except between two events that are met together but for rounding.
+    The visited margin is updated before, except between two events that are met together but for rounding, and at the
+    start of a ramp where no bound has changed at once since the last one ended.
     """
     begin, ramp.s = ramp.s, s
     if ground is None and curves is None:
@@ -378,9 +379,10 @@ def _advance_ramp(contacts, springs, model, ground, curves, ramp, s):
         return
     if s - begin <= CRITICAL:
         return
-    ramp.s = begin
-    _sample(contacts, springs, model, curves, ramp)
-    ramp.s = s
+    if begin > 0.0 or ramp.fall.jumps > 0 or curves is not None or is_any_at_border(contacts, ground, ramp):
+        ramp.s = begin
+        _sample(contacts, springs, model, curves, ramp)
+        ramp.s = s
     if s < ramp.end or ground is not None:  # at the end, bounds may already be those behind a border
         _sample(contacts, springs, model, curves, ramp)
 

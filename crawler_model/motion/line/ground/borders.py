@@ -57,6 +57,23 @@ def gap_of(c, foot, ground, coming, s):
 
 
 @lean
+def is_any_at_border(contacts, ground, ramp):
+    """Determine whether a contact is at a border at the start of a ramp.
+
+    Returns:
+        Whether one is.
+    """
+    if ground is None:
+        return False
+    within = ROUNDING * ramp.span
+    for i in range(contacts.shape[0]):
+        c, foot = contacts[i], ground.feet[i]
+        if min(gap_of(c, foot, ground, AHEAD, c.since), gap_of(c, foot, ground, BEHIND, c.since)) <= within:
+            return True
+    return False
+
+
+@lean
 def find_meeting(c, ground, i):
     """Find when a sliding contact reaches its next border, and note in `coming` which one that is.
 

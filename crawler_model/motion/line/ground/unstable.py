@@ -28,6 +28,9 @@ _INSTANT = 64.0 * EPS
 """Part of a ramp within which events come at one instant: their places are quotients of a few rounded numbers."""
 _CLOSE = 8.0 * EPS
 """Part of the forces on a contact within which it is at its bound."""
+_FAR = 1e-3
+"""Part of the friction and the load beyond which a contact is not at its bound, unless rounding of the tensions of its
+springs is as large."""
 
 
 @inlined
@@ -56,7 +59,10 @@ def meet_close_bounds(contacts, springs, model, ground, ramp, i):
 def _meet_close_bounds(contacts, springs, model, ground, ramp, i):
     c, s = contacts[i], place_of(contacts[i], ramp)
     forward, backward = c.forward + s * c.d_forward, c.backward + s * c.d_backward
-    size, blocked = abs(c.forward) + abs(c.backward) + abs(c.load), blocked_sides(ground, i)
+    size = abs(c.forward) + abs(c.backward) + abs(c.load)
+    if min(forward - c.force, backward + c.force) > _FAR * size:
+        return
+    blocked = blocked_sides(ground, i)
     for k in range(c.first, c.last):
         size += abs(springs[model.ends[k].spring].tension)
     if forward - c.force <= _CLOSE * size and not blocked & FORWARD:
