@@ -81,7 +81,7 @@ class Controls:
         """
         self.scene, rows = scene, scene.drive.rows
         self._driven = np.flatnonzero((rows != rows[0]).any(axis=0))
-        self._waved, self._places, self._shares = _find_wave(scene)
+        self._waved, self._places, self._shares = _find_wave(scene, self._driven)
         self._weights, self._by_weight = _find_weights(scene)
         self.controls = {control.name: control for control in list_controls(scene, self._weights.size > 0)}
 
@@ -329,14 +329,22 @@ def _change_wave(given: Wave, changes: Mapping[str, Any]) -> Wave:
     return given
 
 
-def _find_wave(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Find the columns that a wave moves, their places along the body [m] and their shares."""
+def _find_wave(scene: Scene, driven: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the columns that a wave moves, their places along the body [m] and their shares.
+
+    Of a body with joints these are the joints, or if the drive moves links and no joints, the links that it moves.
+    Joints of a single hub are taken as if they were 1 m apart.
+    """
     body, columns = scene.body, scene.columns
+    middle = 0.5 * (body.position[body.ends[:, 0]] + body.position[body.ends[:, 1]])
     if columns.joints:
         assert body.turning is not None
-        at = body.turning.joints[:, 1]
-        return np.arange(columns.lengths - columns.joints, columns.lengths), body.position[at, 0], np.ones(at.size)
-    middle = 0.5 * (body.position[body.ends[:, 0]] + body.position[body.ends[:, 1]])
+        links = driven[driven < body.springs]
+        if links.size and not (driven >= body.springs).any():
+            return links, middle[links, 0], np.ones(links.size)
+        at = body.position[body.turning.joints[:, 1], 0]
+        places = at if np.ptp(at) > 0.0 else np.arange(float(at.size))
+        return np.arange(body.springs, columns.lengths), places, np.ones(at.size)
     if body.dimension == 1:
         found = scene.columns.index[: body.springs]
         spring = np.array([int(np.flatnonzero(found == c).mean()) for c in range(columns.lengths)], dtype=np.int64)

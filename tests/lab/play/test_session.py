@@ -244,6 +244,16 @@ def test_a_wave_moves_each_link_by_the_formula_of_scenes():
     np.testing.assert_allclose(session.crawler.actuation, expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["steering_inchworm", "three_link_snake", "scissors", "tripedal_star"])
+def test_the_first_wave_moves_bodies_that_turn(name):
+    """Joints of a box whose links lead, and of a hub, all alike, moved nothing."""
+    session = Session(load_scene(name))
+    session.change({"mode": "wave"})
+    for _ in range(50):
+        session.step()
+    assert np.abs(session.crawler.displacement).max() > 0.1
+
+
 def test_a_slope_by_hand_acts_as_that_of_a_scene():
     document = load_scene("payload_climber").document()
     document["loads"] = 0.0
