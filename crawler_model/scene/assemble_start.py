@@ -102,10 +102,18 @@ def relax_loaded(assembly: Assembly) -> Assembly:
 
 
 def _step_to(assembly: Assembly, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Compute where a body ends if its bounds change in one catch-up step, shape (N,) [m]; patches have no effect."""
+    """Compute where a body ends if its bounds change in one catch-up step, shape (N,) [m].
+
+    Patches have no effect, and elements of hysteresis exert no force, as at the start.
+    """
     from ..crawler.crawler import Crawler  # most scenes are loaded without kernels
 
-    even = dataclasses.replace(assembly, ground=dataclasses.replace(assembly.ground, track=None))
+    bends = tuple(dataclasses.replace(bend, sliders=()) for bend in assembly.body.bends)
+    even = dataclasses.replace(
+        assembly,
+        body=dataclasses.replace(assembly.body, bends=bends),
+        ground=dataclasses.replace(assembly.ground, track=None),
+    )
     commands = [np.concatenate((assembly.drive.actuation[0], bounds)) for bounds in (before, after)]
     crawler = Crawler(even, "catch_up").placed(assembly.start_displacement, commands[0])
     crawler.follow(commands[1][None])
@@ -142,10 +150,11 @@ def check_start(assembly: Assembly) -> None:
     g = force[worst]
     ahead = forward[worst] - g < g + backward[worst]
     bound, side = (forward[worst], "forward") if ahead else (backward[worst], "backward")
+    elsewhere = "the least tensions that hold the loads meet other bounds there: write `start.displacement`"
     if load[worst] != 0.0:
         proposal = "write `start: relaxed` for the least tensions that hold the loads"
         if assembly.parts.start == "relaxed":
-            proposal = "the least tensions that hold the loads lead onto other ground: write `start.displacement`"
+            proposal = elsewhere
         raise SceneError(
             f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than the "
             f"{bound:g} N that its load of {load[worst]:g} N leaves of its {side} friction; {proposal}"
@@ -153,9 +162,11 @@ def check_start(assembly: Assembly) -> None:
     proposal = "write `start: relaxed`"
     if any(bend.limits[0] > 0.0 or bend.limits[1] < 0.0 for bend in body.bends):
         proposal = "where limits of `tension` leave 0 N out, actuators pull at any start: widen them, or raise friction"
+    elif assembly.parts.start == "relaxed":
+        proposal = elsewhere
     elif not body.segments:
-        relaxed = x[0] + body.relaxed(body.start_lengths(drive.actuation[0]))
-        text = ", ".join(f"{v:.6g}" for v in relaxed[:12]) + (", ..." if relaxed.size > 12 else "")
+        free = x[0] + body.relaxed(body.start_lengths(drive.actuation[0]))
+        text = ", ".join(f"{v:.6g}" for v in free[:12]) + (", ..." if free.size > 12 else "")
         proposal = f"a start without tension is [{text}], or {proposal}"
     raise SceneError(
         f"start.displacement: {body.name_of(worst)} is pulled by {abs(g):g} N, {-margins[worst]:g} N more than its "

@@ -199,6 +199,22 @@ def test_a_relaxed_start_holds_a_load_that_its_contact_does_not(between):
     assert simulate(start, 0.0).violation == 0.0
 
 
+def test_a_relaxed_start_holds_a_load_without_elements_of_hysteresis():
+    """They exert no force at the start: the spring alone carries what exceeds the friction of contact 0."""
+    links = [{"stiffness": 20.0, "hysteresis": [{"stiffness": 30.0, "yield": 5.0}]}]
+    body = {"contacts": [0.0, 1.0], "links": links}
+    scene = two([0.2, 1.0], [0.2, 1.0], loads=[-0.5, 0.0], start="relaxed", body=body)
+    assert scene.start_displacement[1] - scene.start_displacement[0] == pytest.approx(0.3 / 20.0, abs=1e-15)
+    assert simulate(scene, 1.0).violation < 1e-14
+
+
+def test_a_relaxed_start_where_elongations_take_friction_away_is_one_clear_line():
+    entry = {"link": 0, "contacts": [1], "elongation": [0.0, 0.01], "added": [1.0, 0.0]}
+    friction = {"isotropic": 0.2, "with_elongation": [entry]}
+    with pytest.raises(SceneError, match=r"contact 1 .* meet other bounds there: write `start.displacement`"):
+        two([], [], friction=friction, loads=[-0.5, 0.0], start="relaxed")
+
+
 def test_a_relaxed_start_that_the_loads_allow_has_no_tension():
     start = Scene.model_validate(three().document() | {"loads": [-0.5, 0.3, 0.1], "start": "relaxed"})
     assert not Crawler(start).tension.any()
@@ -248,7 +264,7 @@ def test_a_relaxed_start_is_the_same_beside_a_variation_that_is_not_valid():
 
 def test_a_relaxed_start_that_leads_onto_other_ground_is_one_clear_line():
     ground = {"patches": [{"from": -0.01, "to": 0.5, "slope": 20.0}, {"from": -1.0, "to": -0.01, "slope": 60.0}][::-1]}
-    with pytest.raises(SceneError, match=r"contact 0 .* lead onto other ground: write `start.displacement`"):
+    with pytest.raises(SceneError, match=r"contact 0 .* meet other bounds there: write `start.displacement`"):
         two([0.1, 3.0], [0.1, 3.0], ground=ground, start="relaxed", body={"weights": [1.0, 0.0]})
 
 
