@@ -11,13 +11,14 @@ from rich.table import Table
 
 from crawler_model import CrawlerError, Scene, Trajectory
 from crawler_model.body.body import Body
+from crawler_model.body.drive import Drive
 from crawler_model.body.names import name_every_spring
 from crawler_model.body.plan import Plan
 from crawler_model.body.turning import SIDES
 from crawler_model.run.simulate import default_duration
 from crawler_model.run.ticks import DEFAULT_RATE
 from crawler_model.theory.regularity import check_regularity
-from crawler_model.theory.stasis import directions_of, domain_evolution
+from crawler_model.theory.stasis import directions_of, domain_evolution, holds_loads
 from crawler_model.theory.uniqueness import Undecided, commanded_margin
 from crawler_pictures.numbers import error_of, write_length
 
@@ -48,11 +49,16 @@ def choose_rate(scene: Scene) -> float:
     Returns:
         The lowest rate that does, up to 100 times the usual one; less if the run would take long [Hz].
     """
-    times = np.append(scene.drive.times, scene.drive.period or 0.0)
     most = min(_MOST_TICKS, _MOST_NUMBERS / scene.body.contacts) / max(default_duration(scene.drive), 1e-9)
     rates = [DEFAULT_RATE * factor for factor in (1, 2, 5, 10, 20, 50, 100) if DEFAULT_RATE * factor <= most]
-    met = [rate for rate in rates if np.abs(times * rate - np.rint(times * rate)).max() < 1e-6]
+    met = [rate for rate in rates if _meets_waypoints(scene.drive, rate)]
     return (met or rates[-1:] or [DEFAULT_RATE])[0]
+
+
+def _meets_waypoints(drive: Drive, rate: float) -> bool:
+    """Determine whether all waypoints of a drive lie at the ends of ticks."""
+    ticks = np.append(drive.times, drive.period or 0.0) * rate
+    return bool(np.abs(ticks - np.rint(ticks)).max() < 1e-6)
 
 
 def with_mass(scene: Scene, mass: float) -> Scene:
@@ -106,6 +112,10 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
         print_largest_force(run, screen)
         if body.bends:
             print_limits_of_tension(run, screen)
+        if not _meets_waypoints(scene.drive, run.rate):
+            screen.print(
+                f"forces are those at ticks of {1.0 / run.rate:g} s: at waypoints between ticks they may be larger"
+            )
         print_pushes(run, screen)
         print_limits(scene, screen)
         if run.inertia is not None:
@@ -123,7 +133,8 @@ def summarise(run: Trajectory) -> dict[str, Any]:
         `findings` holds the lines that are printed for people below the table.
     """
     scene, body = run.scene, run.scene.body
-    directions = directions_of(domain_evolution(scene.drive)[1]) if body.dimension == 1 else None
+    held = body.dimension == 1 and holds_loads(scene.drive.forward, scene.drive.backward)
+    directions = directions_of(domain_evolution(scene.drive)[1]) if held else None
     slides = (run.contact_state != 0).any(axis=0)
     printed = io.StringIO()
     _print_findings(run, Screen(file=printed, soft_wrap=True))
@@ -200,6 +211,8 @@ def _shown(body: Body) -> list[int]:
 
 def _direction(run: Trajectory) -> str:
     """Describe the directions of motion that the stasis domain allows."""
+    if not holds_loads(run.scene.drive.forward, run.scene.drive.backward):
+        return "friction alone does not hold the loads along the drive: the directions of motion are not determined"
     _, domains = domain_evolution(run.scene.drive)
     directions = directions_of(domains)
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "in both directions"}

@@ -31,6 +31,14 @@ def print_holding(run: Trajectory, screen: Console) -> None:
     if body.turning is not None:
         screen.print("largest tow and steepest slope that it holds at rest: not computed for bodies that turn")
         return
+    wall = _find_wall_at_start(run)
+    if wall is not None:
+        contact, number = wall
+        screen.print(
+            f"largest tow and steepest slope that it holds at rest: not computed, as {body.name_of(contact)} stands at "
+            f"wall {number}, which holds any force"
+        )
+        return
     if body.dimension == 2:
         _print_planar_holding(scene, screen)
     else:
@@ -65,6 +73,15 @@ def _print_holding_on_line(run: Trajectory, screen: Console) -> None:
     for tilt, direction in ((holding.uphill, "uphill"), (holding.downhill, "downhill")):
         if tilt is not None:
             screen.print(_describe_tilt(scene, tilt, direction))
+
+
+def _find_wall_at_start(run: Trajectory) -> tuple[int, int] | None:
+    """Find a contact that stands at a wall at the start, and the number of the wall."""
+    track = run.scene.ground.track
+    if track is None or track.walls is None:
+        return None
+    at = np.argwhere(track.walls.find_rooms(run.scene.body.position, run.displacement[0]) == 0.0)
+    return (int(at[0, 1]), int(track.walls.index[tuple(at[0])])) if len(at) else None
 
 
 def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:

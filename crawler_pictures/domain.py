@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from crawler_model import Trajectory
+from crawler_model import SceneError, Trajectory
 from crawler_model.body.drive import NS
 from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
+from crawler_model.theory.stasis import holds_loads
 
 from .domain_many import draw_many, draw_three
 from .domain_panels import MOST_PANELS, MOST_SETS, draw_panels, draw_turning
@@ -37,7 +38,15 @@ def draw_domain(scene: Plan, png: Path) -> None:
     Args:
         scene: the scene; without a drive, only its start is drawn in the domain.
         png: the file to write.
+
+    Raises:
+        SceneError: if the set is empty, because walls or other ground hold what friction on even ground does not.
     """
+    if scene.body.dimension == 1 and not holds_loads(scene.drive.forward, scene.drive.backward):
+        raise SceneError(
+            "loads: friction alone does not hold them along the drive, so that there is no stasis domain; "
+            "`simulate --png` draws the run"
+        )
     contacts = scene.body.contacts
     run = simulated(scene, 2 if contacts == 2 else 3)
     draw = {2: draw_two, 3: draw_three}.get(contacts, draw_many)

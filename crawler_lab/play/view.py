@@ -11,7 +11,7 @@ import numpy as np
 from crawler_model import Scene
 from crawler_model.body.names import name_every_contact, name_every_spring
 from crawler_model.motion.jump import Jump
-from crawler_model.theory.stasis import Facet, StasisDomain, stasis_bounds
+from crawler_model.theory.stasis import Facet, StasisDomain, holds_loads, stasis_bounds
 from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_pictures.domain_many import sides_of
 from crawler_pictures.ground import has_stasis_bounds, list_areas, list_sections, list_walls, local_bounds
@@ -110,7 +110,7 @@ class View:
             forward, backward = local_bounds(self.scene, instant.target, instant.displacement)
             least, most = stasis_bounds(tension, forward, backward)
             found |= {"least": least.tolist(), "most": most.tolist()}
-            if n in (2, 3) and (forward + backward >= 0.0).all():
+            if n in (2, 3) and holds_loads(forward, backward):
                 domain = StasisDomain(forward, backward)
                 found["domain"] = domain.vertices().tolist()
                 found["sides"] = [[f.direction, f.contact, a.tolist(), b.tolist()] for f, a, b in _sides(domain)]

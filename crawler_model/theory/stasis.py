@@ -258,6 +258,24 @@ def directions_of(domains: Iterable[StasisDomain]) -> set[int]:
     return {facet.direction for domain in domains for facet in domain.facets()}
 
 
+def holds_loads(forward: ArrayLike, backward: ArrayLike) -> bool:
+    """Determine whether friction holds the loads, so that stasis domains are not empty.
+
+    Walls, and ground that holds more than even ground, may hold a body where its friction does not.
+
+    Args:
+        forward: mu_plus - f, shape (..., N) [N].
+        backward: mu_minus + f, same shape [N].
+
+    Returns:
+        Whether it does in all rows.
+    """
+    plus, minus = np.asarray(forward, dtype=np.float64), np.asarray(backward, dtype=np.float64)
+    near = CRITICAL * (np.abs(plus) + np.abs(minus)).sum(axis=-1)
+    least = np.minimum(np.minimum(plus.sum(axis=-1), minus.sum(axis=-1)), (plus + minus).min(axis=-1))
+    return bool((least >= -near).all())
+
+
 def domain_evolution(drive: Drive) -> tuple[np.ndarray, tuple[StasisDomain, ...]]:
     """Compute the stasis domain at each waypoint of a drive; between waypoints friction is linear.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crawler_model.theory.stasis import StasisDomain
+from crawler_model.theory.stasis import StasisDomain, holds_loads
 
 from ..domain_many import sides_of
 from ..domain_two import box_corners
@@ -48,10 +48,13 @@ def moving_set(film: Film) -> MovingSet | None:
         film: the film.
 
     Returns:
-        The set, or None for other bodies, and for bent springs, in which L does not move a set of constant shape.
+        The set, or None for other bodies, for bent springs, in which L does not move a set of constant shape, and where
+        walls hold what friction does not.
     """
     n = len(film.names)
     if film.forward.shape[1] != n or n not in (2, 3) or film.scene.body.bends:
+        return None
+    if not holds_loads(film.forward, film.backward):
         return None
     stiffness = film.scene.body.stiffness
     stretch = stiffness * np.diff(film.displacement, axis=1)

@@ -384,6 +384,54 @@ def test_check_says_what_slope_and_tow_a_body_holds_and_climbs(name, change, sai
     assert "a tow on contact 1 alone moves it first" in out
 
 
+AT_A_WALL = {
+    "name": "held",
+    "body": {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}},
+    "friction": {"forward": 0.2, "backward": 0.5},
+    "ground": {"walls": [{"at": 0.2, "stops": "forward"}]},
+    "drive": {"times": [0, 0.5, 1], "period": 1, "actuation": [[0], [0], [0]], "loads": [[0, 0], [0, 3], [0, 0]]},
+    "loads": 0.0,
+}
+
+
+@pytest.mark.parametrize("contacts", [2, 3])
+def test_loads_that_a_wall_holds_have_no_stasis_domain(contacts, tmp_path, capsys):
+    """A set of forces that friction alone would have to hold is empty; every verb that draws it ended in a traceback."""
+    document, drive = AT_A_WALL, AT_A_WALL["drive"]
+    if contacts == 3:
+        drive = drive | {"actuation": [[0, 0]] * 3, "loads": [[0, 0, 0], [0, 3, 0], [0, 0, 0]]}
+        document = document | {"body": document["body"] | {"contacts": [0.0, 0.2, 0.4]}, "drive": drive}
+        document["ground"] = {"walls": [{"at": 0.4, "stops": "forward"}]}
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    for words in (["check"], ["check", "--json"], ["animate", "--out", str(tmp_path / "film.html")]):
+        with pytest.raises(SystemExit) as left:
+            main([words[0], str(tmp_path / "s.json"), *words[1:]])
+        assert not left.value.code
+        out = " ".join(capsys.readouterr().out.split())
+        if words == ["check"]:
+            assert "friction alone does not hold the loads along the drive: the directions of motion are not" in out
+            assert f"at rest: not computed, as contact {contacts - 1} stands at wall 0, which holds any force" in out
+            assert AT_THE_START not in out
+    with pytest.raises(SystemExit) as left:
+        main(["check", str(tmp_path / "s.json"), "--png", str(tmp_path / "s.png")])
+    assert left.value.code
+    assert "loads: friction alone does not hold them along the drive" in capsys.readouterr().err
+    assert not (tmp_path / "s.png").exists()
+
+
+@pytest.mark.parametrize(("pulse", "told"), [(0.665, False), (0.66671, True)])
+def test_check_tells_where_waypoints_lie_between_ticks(pulse, told, tmp_path, capsys):
+    """A short pulse reached a limit of tension, within which the link was reported to stay."""
+    links = [{"stiffness": 20.0, "tension": 0.3}, {"stiffness": 20.0}]
+    drive = {"times": [0, 0.6, pulse, 0.7, 2], "period": 2, "actuation": [[0, 0], [0, 0], [0.09, 0], [0, 0], [0, 0]]}
+    body = {"contacts": [0.0, 0.2, 0.4], "links": links}
+    document = {"name": "pulse", "body": body, "friction": {"forward": 0.2, "backward": 0.5}, "drive": drive}
+    (tmp_path / "s.json").write_text(json.dumps(document))
+    with pytest.raises(SystemExit):
+        main(["check", str(tmp_path / "s.json")])
+    assert ("at waypoints between ticks they may be larger" in " ".join(capsys.readouterr().out.split())) == told
+
+
 @pytest.mark.parametrize(
     ("name", "where"),
     [

@@ -15,6 +15,7 @@ from crawler_ros.viewer.visualizer import Drawing, to_file
 from ...golden_pictures import GOLDEN, differences, read_rrd
 from ...scenes import wave_scene
 from .test_ground_pictures import hilly
+from .test_pictures import entities
 from .test_run_pages import star
 
 
@@ -52,3 +53,26 @@ def test_a_view_holds_what_was_read(name, tmp_path):
         drawing.draw(frame_of(crawler, ns, crawler.contact_state))
     drawing.close()
     assert not differences(read_rrd(tmp_path / "x.rrd"), GOLDEN / f"rrd_{name}.txt")
+
+
+def test_a_view_goes_on_where_a_wall_holds_what_friction_does_not(tmp_path):
+    """The stasis domain is empty then, and is drawn again as the load is gone."""
+    drive = {"times": [0, 0.5, 1], "actuation": [[0, 0]] * 3, "loads": [[0, 0, 0], [0, 3, 0], [0, 0, 0]]}
+    scene = Scene.model_validate(
+        {
+            "name": "held",
+            "body": {"contacts": [0.0, 0.2, 0.4], "links": {"stiffness": 20.0}},
+            "friction": {"forward": 0.2, "backward": 0.5},
+            "ground": {"walls": [{"at": 0.4, "stops": "forward"}]},
+            "drive": drive,
+            "loads": 0.0,
+        }
+    )
+    drawing, crawler = Drawing(scene, to_file(tmp_path / "x.rrd")), Crawler(scene)
+    for ns in range(0, 1_000_000_001, 250_000_000):
+        crawler.follow(scene.drive.sample(np.array([ns])))
+        drawing.draw(frame_of(crawler, ns, crawler.contact_state))
+    drawing.close()
+    drawn = entities(tmp_path / "x.rrd")
+    assert drawn["/stasis/point"] == 5
+    assert drawn["/stasis/domain"] == 5
