@@ -56,7 +56,7 @@ def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
     states = body.limits.find_states(z, lengths)
     lines = []
     for k, spring in enumerate(body.limits.index.tolist()):
-        lines += _describe(bends[spring], names[spring], states[:, k], z[:, spring], lengths[:, spring])
+        lines += _describe(bends[spring], names[spring], states[:, k], z[:, spring], lengths[:, spring], run.rate)
     lines += _find_weak(body, run)
     for line in lines[:_MOST_LINES]:
         screen.print(line)
@@ -64,8 +64,8 @@ def print_limits_of_tension(run: Trajectory, screen: Console) -> None:
         screen.print(f"({len(lines) - _MOST_LINES} more lines on limits of tension)")
 
 
-def _describe(bend: Bend, name: str, state: np.ndarray, z: np.ndarray, length: np.ndarray) -> list[str]:
-    """Describe when an actuator is beyond its limits; commands cut off there move the body in the same way."""
+def _describe(bend: Bend, name: str, state: np.ndarray, z: np.ndarray, length: np.ndarray, rate: float) -> list[str]:
+    """Describe when an actuator is beyond its limits at ticks; commands cut off there move the body in the same way."""
     words = [
         (word, (state == sign).mean()) for sign, word in ((-1, "goes slack"), (1, "stalls")) if (state == sign).any()
     ]
@@ -79,7 +79,7 @@ def _describe(bend: Bend, name: str, state: np.ndarray, z: np.ndarray, length: n
     span = f"{write_length(float(followed.min()), size)} .. {write_length(float(followed.max()), size)} m"
     return [
         f"{name} {' and '.join(f'{word} during {part:.0%} of the drive' for word, part in words)}; lengths between "
-        f"{span} would move it as far"
+        f"{span}, as read every {1.0 / rate:g} s, would move it as far"
     ]
 
 

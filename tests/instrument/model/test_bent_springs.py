@@ -343,7 +343,7 @@ def report_of(scene: Scene) -> str:
 def test_check_reports_stalls_and_commands_that_avoid_them():
     text = report_of(two_contacts(MOTOR, 2.0))
     assert "link_0 stalls during" in text
-    span = re.search(r"lengths between (\S+) .. (\S+) m would move it as far", text)
+    span = re.search(r"lengths between (\S+) .. (\S+) m, as read every 0.01 s, would move it as far", text)
     gain = simulate(two_contacts(MOTOR, 2.0)).per_period[-1]
     assert simulate(two_contacts(MOTOR, float(span[2]))).per_period[-1] == pytest.approx(gain, rel=1e-6)
     assert simulate(two_contacts(MOTOR, 0.9 * float(span[2]))).per_period[-1] < gain
