@@ -12,6 +12,7 @@ from crawler_model.body.plan import Plan
 from crawler_model.body.planar_loads import split_target
 from crawler_model.run.limits import SLOPES_TRIED
 from crawler_model.theory.holding import Holding, Tilt, compute_holding, steepest_held
+from crawler_pictures.numbers import write_size
 
 from .screen import progress_bar
 
@@ -85,17 +86,14 @@ def _find_wall_at_start(run: Trajectory) -> tuple[int, int] | None:
 
 
 def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
-    body = scene.body
-    screen.print(
-        f"largest tow that it holds at rest, on any contact: {holding.tow_forward:.6g} N forward, "
-        f"{holding.tow_backward:.6g} N backward"
-    )
+    body, size = scene.body, holding.tow_forward + holding.tow_backward
+    whole = [write_size(most, size) for most in (holding.tow_forward, holding.tow_backward)]
+    screen.print(f"largest tow that it holds at rest, on any contact: {whole[0]} N forward, {whole[1]} N backward")
     sides = (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
     for contact in dict.fromkeys((0, body.contacts - 1)):
-        first = [min(float(side[contact]), most) for side, most in sides]
+        first = [write_size(min(float(side[contact]), most), size) for side, most in sides]
         screen.print(
-            f"a tow on {body.name_of(contact)} alone moves it first, from {first[0]:.6g} N forward, "
-            f"{first[1]:.6g} N backward"
+            f"a tow on {body.name_of(contact)} alone moves it first, from {first[0]} N forward, {first[1]} N backward"
         )
 
 

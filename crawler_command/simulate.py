@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from crawler_model import CrawlerError
 from crawler_model.run.ticks import DEFAULT_RATE
 from crawler_model.theory.uniqueness import UNDETERMINED
-from crawler_pictures.numbers import error_of, write_energy, write_length
+from crawler_pictures.numbers import error_of, write_length, write_size
 
 from .pages import takes_page
 from .screen import (
@@ -213,7 +213,7 @@ def _describe_energy(energy: Energy) -> str:
     went |= {"lost in jumps": energy.jump_loss, "stored": energy.stored}
     always = ("work", "dissipation", "stored")
     parts = [
-        " + ".join(f"{name} {write_energy(value, size)} J" for name, value in some.items() if value or name in always)
+        " + ".join(f"{name} {write_size(value, size)} J" for name, value in some.items() if value or name in always)
         for some in (put_in, went)
     ]
     return f"{' = '.join(parts)}, residual {energy.relative_residual:.1e} of the work"

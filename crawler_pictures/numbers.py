@@ -91,12 +91,12 @@ def write_stability(margin: float, when: float) -> str:
     return f"stability margin: at least {margin:.4g}, at {when:g} s{grows}"
 
 
-def write_energy(value: float, size: float) -> str:
-    """Write an energy; numbers that are rounding relative to `size` are 0.
+def write_size(value: float, size: float) -> str:
+    """Write an energy or a force; numbers that are rounding relative to `size` are 0.
 
     Args:
-        value: the energy [J].
-        size: size of the energies from which it was computed [J].
+        value: the energy [J], or the force [N].
+        size: size of the numbers from which it was computed [same unit].
 
     Returns:
         The text.

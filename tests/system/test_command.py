@@ -101,6 +101,20 @@ def test_forces_that_are_rounding_are_zero(tmp_path):
     assert [row[5].strip() for row in rows] == ["0", "0", "0"]
 
 
+def test_a_tow_that_is_rounding_is_zero(tmp_path):
+    """A spring of 3 N/m, 0.1 m long, pulls a contact by 0.30000000000000004 N, and it holds 0.3 N."""
+    document = {
+        "name": "at_its_bound",
+        "body": {"contacts": [0.0, 1.0], "links": {"stiffness": 3.0}},
+        "friction": {"forward": 0.3, "backward": 0.5},
+        "start": {"displacement": [0.0, 0.1]},
+    }
+    (tmp_path / "x.yaml").write_text(json.dumps(document))
+    assert "a tow on contact 0 alone moves it first, from 0 N forward, 0.8 N backward" in " ".join(
+        good("check", str(tmp_path / "x.yaml")).split()
+    )
+
+
 @pytest.mark.parametrize("friction", [{"forward": 1.0, "backward": 0.0}, {"forward": 0.5, "backward": 0.5}])
 def test_check_prints_no_negative_zero(tmp_path, friction):
     """A bound that is 0, and contacts that meet but do not pass."""

@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from crawler_model import CrawlerError, Scene, simulate
 from crawler_model.body.drive import NS
 from crawler_pictures.colors import LINES
-from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_energy, write_length
+from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_length, write_size
 from crawler_pictures.run.kymograph import write_title
 from crawler_pictures.style import open_figure, own_style, page, rim_of, write_figure
 
@@ -184,7 +184,7 @@ def tabulate_walks(walks: Sequence[Walk]) -> Table:
         gain, cycle = walk.gains[last], float(walk.ends[last] - walk.starts[last])
         alike = walk is not first and gain.size == first.gains.shape[1]
         energies = [
-            "" if np.isnan(part[last]) else write_energy(float(part[last]), abs(float(walk.work[last])))
+            "" if np.isnan(part[last]) else write_size(float(part[last]), abs(float(walk.work[last])))
             for part in (walk.work, walk.dissipation)
         ]
         turned = [] if not turns else ["" if walk.turned is None else write_angle(walk.turned[last])]
