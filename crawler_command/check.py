@@ -212,7 +212,7 @@ def _shown(body: Body) -> list[int]:
 def _direction(run: Trajectory) -> str:
     """Describe the directions of motion that the stasis domain allows."""
     if not holds_loads(run.scene.drive.forward, run.scene.drive.backward):
-        return "friction alone does not hold the loads along the drive: the directions of motion are not determined"
+        return "friction on even ground does not hold the loads: the directions of motion are not determined"
     _, domains = domain_evolution(run.scene.drive)
     directions = directions_of(domains)
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "in both directions"}

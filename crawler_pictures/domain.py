@@ -44,7 +44,7 @@ def draw_domain(scene: Plan, png: Path) -> None:
     """
     if scene.body.dimension == 1 and not holds_loads(scene.drive.forward, scene.drive.backward):
         raise SceneError(
-            "loads: friction alone does not hold them along the drive, so that there is no stasis domain; "
+            "loads: friction on even ground does not hold them along the drive, so that there is no stasis domain; "
             "`simulate --png` draws the run"
         )
     contacts = scene.body.contacts

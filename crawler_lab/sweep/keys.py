@@ -132,6 +132,7 @@ def make_room(scene: Scene, document: dict[str, Any], path: KeyPath) -> None:
             break
         node = node[step]
         if isinstance(node, dict):
+            # what elongations add has sides of its own
             side = next((s for s in path if s in (*sides, "isotropic", "with_elongation")), None)
             if side in sides and "isotropic" in node:
                 node.update(dict.fromkeys(sides, node.pop("isotropic")))

@@ -423,13 +423,13 @@ def test_loads_that_a_wall_holds_have_no_stasis_domain(contacts, tmp_path, capsy
         assert not left.value.code
         out = " ".join(capsys.readouterr().out.split())
         if words == ["check"]:
-            assert "friction alone does not hold the loads along the drive: the directions of motion are not" in out
+            assert "friction on even ground does not hold the loads: the directions of motion are not" in out
             assert f"at rest: not computed, as contact {contacts - 1} stands at wall 0, which holds any force" in out
             assert AT_THE_START not in out
     with pytest.raises(SystemExit) as left:
         main(["check", str(tmp_path / "s.json"), "--png", str(tmp_path / "s.png")])
     assert left.value.code
-    assert "loads: friction alone does not hold them along the drive" in capsys.readouterr().err
+    assert "loads: friction on even ground does not hold them along the drive" in capsys.readouterr().err
     assert not (tmp_path / "s.png").exists()
 
 
