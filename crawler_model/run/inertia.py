@@ -138,8 +138,9 @@ class InertiaMeter:
     """Keeps the largest inertia number of a run in progress.
 
     Bodies on a line have a twin that follows the same ramps and notes the pieces of its path, so that the run itself
-    stays as it is, to the bit. In the plane, on patches of ground and of very long bodies, mean velocities of ramps
-    stand for velocities of pieces: the velocities before and after each ramp are compared, as its event lies within it.
+    stays as it is, to the bit. In the plane, on ground that changes with place or elongation and of very long bodies,
+    mean velocities of ramps stand for velocities of pieces: the velocities before and after each ramp are compared, as
+    its event lies within it.
     """
 
     def __init__(self, plan: Plan, masses: np.ndarray) -> None:
