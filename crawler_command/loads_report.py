@@ -91,6 +91,12 @@ def _print_tow(scene: Plan, holding: Holding, screen: Console) -> None:
     screen.print(f"largest tow that it holds at rest, on any contact: {whole[0]} N forward, {whole[1]} N backward")
     sides = (holding.slip_forward, holding.tow_forward), (holding.slip_backward, holding.tow_backward)
     for contact in dict.fromkeys((0, body.contacts - 1)):
+        if contact not in body.isolated:
+            screen.print(
+                f"a tow on {body.name_of(contact)} alone moves it at once, however small: the friction of a segment is "
+                "spread along it"
+            )
+            continue
         first = [write_size(min(float(side[contact]), most), size) for side, most in sides]
         screen.print(
             f"a tow on {body.name_of(contact)} alone moves it first, from {first[0]} N forward, {first[1]} N backward"

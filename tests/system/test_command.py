@@ -366,6 +366,12 @@ def test_the_tow_that_check_searches_for_is_on_the_last_contact(monkeypatch):
         print_limits(load_scene("three_contacts_one_way"), Screen(width=200))
 
 
+def test_a_tow_on_a_point_of_a_segment_moves_it_at_once():
+    """The friction of one element stood there, which depends on the mesh."""
+    out = " ".join(good("check", "segment_climber").split())
+    assert "a tow on segment trunk at 1 m alone moves it at once, however small" in out
+
+
 def test_check_computes_no_limits_at_rest_of_bodies_that_turn(capsys):
     print_holding(SimpleNamespace(scene=load_scene("scissors")), Screen(width=200))
     said = "largest tow and steepest slope that it holds at rest: not computed for bodies that turn\n"
