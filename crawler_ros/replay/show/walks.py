@@ -93,15 +93,15 @@ def walk_of_scene(name: str, scene: Scene) -> Walk:
         raise CrawlerError(f"{name}: the scene has {scene.unmoving_drive}; a comparison needs cycles")
     period, count = (float(drive.times[-1]), 1) if drive.period is None else (drive.period, _PERIODS)
     run = simulate(scene, count * period, _SAMPLES / period)
-    every = np.arange(count + 1) * _SAMPLES
-    y = run.net_translation.reshape(run.time.size, -1)
+    every, instants = np.arange(count + 1) * _SAMPLES, count * _SAMPLES + 1  # rounding of periods may add one more
+    y = run.net_translation.reshape(run.time.size, -1)[:instants]
     gains = np.diff(y[every], axis=0) if scene.body.turning is None or drive.period is None else run.per_period[:, :2]
     work, lost = (
-        part[1:].reshape(count, _SAMPLES).sum(axis=1) for part in (run.energies.work, run.energies.dissipation)
+        part[1:instants].reshape(count, _SAMPLES).sum(axis=1) for part in (run.energies.work, run.energies.dissipation)
     )
     edges = period * np.arange(count + 1)
     size = float(np.abs(run.displacement).max()) + float(np.abs(drive.actuation).max())
-    phase, error = run.time / period, error_of(scene)
+    phase, error = run.time[:instants] / period, error_of(scene)
     turned = None if scene.body.turning is None else np.diff(run.yaw[every])
     return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y - y[0], size, error, turned)
 

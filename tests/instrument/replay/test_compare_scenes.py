@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from crawler_model import load_scene
+from crawler_model import Scene, load_scene
 from crawler_ros.replay.show.walks import tabulate_walks, walk_of_scene
 
 from ...commands import crawler
@@ -94,3 +94,14 @@ def test_bodies_of_other_dimensions_have_no_difference(folder):
     assert done.returncode == 0, done.stderr
     (row,) = [line for line in done.stdout.splitlines() if "planar_three_points" in line and line.startswith("│")]
     assert row.split("│")[5].strip() == ""
+
+
+@pytest.mark.parametrize("period", [2.0 / 3.0, 2.0 * np.pi])
+def test_periods_that_ticks_divide_but_for_rounding_are_compared(period):
+    """Instants are whole nanoseconds: an instant more than the ticks of ten periods ended in a traceback."""
+    document = load_scene("two_anchor_b").document()
+    document["drive"]["period"] = period
+    walk, other = walk_of_scene("b", Scene.model_validate(document)), walk_of_scene("a", load_scene("two_anchor_b"))
+    assert walk.gains == pytest.approx(other.gains, abs=1e-7)
+    assert walk.work == pytest.approx(other.work, rel=1e-7)
+    assert walk.phase.size == walk.y.shape[0]
