@@ -13,6 +13,7 @@ from rich.table import Column, Table
 
 from crawler_model import CrawlerError, Scene, simulate
 from crawler_model.body.drive import NS
+from crawler_model.run.screw import gain_in_frame
 from crawler_pictures.colors import LINES
 from crawler_pictures.numbers import ROUNDING, error_of, label_values, write_angle, write_length, write_size
 from crawler_pictures.run.kymograph import write_title
@@ -93,16 +94,18 @@ def walk_of_scene(name: str, scene: Scene) -> Walk:
         raise CrawlerError(f"{name}: the scene has {scene.unmoving_drive}; a comparison needs cycles")
     period, count = (float(drive.times[-1]), 1) if drive.period is None else (drive.period, _PERIODS)
     run = simulate(scene, count * period, _SAMPLES / period)
-    every, instants = np.arange(count + 1) * _SAMPLES, count * _SAMPLES + 1  # rounding of periods may add one more
-    y = run.net_translation.reshape(run.time.size, -1)[:instants]
-    gains = np.diff(y[every], axis=0) if scene.body.turning is None or drive.period is None else run.per_period[:, :2]
+    shown = slice(count * _SAMPLES + 1)  # rounding of the period may add one more instant
+    y = run.net_translation.reshape(run.time.size, -1)[shown]
+    gains, turned = np.diff(y[::_SAMPLES], axis=0), None
+    if scene.body.turning is not None:
+        x, turned = run.displacement[shown][::_SAMPLES], np.diff(run.yaw[shown][::_SAMPLES])
+        gains = gain_in_frame(scene.body, x[:-1], np.diff(x, axis=0), turned)[:, :2]
     work, lost = (
-        part[1:instants].reshape(count, _SAMPLES).sum(axis=1) for part in (run.energies.work, run.energies.dissipation)
+        part[shown][1:].reshape(count, _SAMPLES).sum(axis=1) for part in (run.energies.work, run.energies.dissipation)
     )
     edges = period * np.arange(count + 1)
     size = float(np.abs(run.displacement).max()) + float(np.abs(drive.actuation).max())
-    phase, error = run.time[:instants] / period, error_of(scene)
-    turned = None if scene.body.turning is None else np.diff(run.yaw[every])
+    phase, error = run.time[shown] / period, error_of(scene)
     return Walk(name, "scene", edges[:-1], edges[1:], gains, work, lost, phase, y - y[0], size, error, turned)
 
 

@@ -105,3 +105,20 @@ def test_periods_that_ticks_divide_but_for_rounding_are_compared(period):
     assert walk.gains == pytest.approx(other.gains, abs=1e-7)
     assert walk.work == pytest.approx(other.work, rel=1e-7)
     assert walk.phase.size == walk.y.shape[0]
+
+
+@pytest.mark.parametrize("period", [None, 1.0])
+def test_the_gain_of_a_body_that_turns_is_in_its_own_frame(period):
+    """Of a drive without a period it was in the fixed frame, whichever way the body lay."""
+    document = load_scene("steering_inchworm").document()
+    rows = np.zeros((3, 8))
+    rows[1, :2] = 0.3, 0.1
+    document["drive"] = {"times": [0.0, 0.5, 1.0], "actuation": rows.tolist()}
+    if period is not None:
+        document["drive"]["period"] = period
+    ahead = walk_of_scene("ahead", Scene.model_validate(document))
+    document["body"]["points"] = [[-y, x] for x, y in document["body"]["points"]]
+    left = walk_of_scene("left", Scene.model_validate(document))
+    assert ahead.gains[0, 0] > 0.2
+    assert left.gains == pytest.approx(ahead.gains, abs=1e-6)
+    assert left.turned == pytest.approx(ahead.turned, abs=1e-6)
