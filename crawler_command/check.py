@@ -133,8 +133,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
         `findings` holds the lines that are printed for people below the table.
     """
     scene, body = run.scene, run.scene.body
-    held = body.dimension == 1 and holds_loads(scene.drive.forward, scene.drive.backward)
-    directions = directions_of(domain_evolution(scene.drive)[1]) if held else None
+    directions = _find_directions(scene)
     slides = (run.contact_state != 0).any(axis=0)
     printed = io.StringIO()
     _print_findings(run, Screen(file=printed, soft_wrap=True))
@@ -211,18 +210,24 @@ def _shown(body: Body) -> list[int]:
 
 def _direction(run: Trajectory) -> str:
     """Describe the directions of motion that the stasis domain allows."""
-    if not holds_loads(run.scene.drive.forward, run.scene.drive.backward):
+    drive = run.scene.drive
+    directions = _find_directions(run.scene)
+    if directions is None:
         return "friction on even ground does not hold the loads: the directions of motion are not determined"
-    _, domains = domain_evolution(run.scene.drive)
-    directions = directions_of(domains)
     names = {frozenset({1}): "forward only", frozenset({-1}): "backward only", frozenset({1, -1}): "in both directions"}
     if not directions:
         return "no side of the stasis domain moves a single contact: the directions of motion are not determined"
     text = names[frozenset(directions)]
-    same = all(np.array_equal(d.forward, domains[0].forward) for d in domains)
-    same = same and all(np.array_equal(d.backward, domains[0].backward) for d in domains)
-    when = "" if same else ", at different times"
-    return f"the stasis domain allows motion {text}{when}"
+    same = all((bounds == bounds[0]).all() for bounds in (drive.forward, drive.backward))
+    return f"the stasis domain allows motion {text}{'' if same else ', at different times'}"
+
+
+def _find_directions(scene: Scene | Plan) -> set[int] | None:
+    """Find the directions of motion that the stasis domains allow; None in the plane and where they may be empty."""
+    drive = scene.drive
+    if scene.body.dimension == 2 or not holds_loads(drive.forward, drive.backward):
+        return None
+    return directions_of(domain_evolution(drive)[1])
 
 
 def _print_conditions(run: Trajectory, screen: Console) -> None:

@@ -22,10 +22,8 @@ OF_SCENE = ("friction", "stiffness", "loads", "slope")
 KEYS = (*OF_SCENE, "delay", "noise", "noise_seed")
 """The others: delay of the actions in steps; standard deviation of the noise of the sensors relative to the scale of
 each reading; the seed of that noise."""
-_FRICTION = (*SIDES, "isotropic", "value", "added")
-"""The keys that hold friction or coefficients of friction, or a table of them."""
-_PARTS_OF_FRICTION = ("coefficient", "with_elongation")
-"""The keys with parts that hold such keys."""
+_FRICTION = (*SIDES, "isotropic", "value", "added", "coefficient", "with_elongation")
+"""The keys that hold friction or coefficients of friction, tables of them, or parts with such keys."""
 MOST_DELAY = 1000
 MOST_SEED = 2**63 - 1
 
@@ -201,7 +199,7 @@ def _numbers(node: Any, name: str) -> Iterator[tuple[str, float]]:
     """List the numbers below a key that are friction, stiffness, tensions or loads: not places, angles or links."""
     if isinstance(node, Mapping):
         for key, inner in node.items():
-            if key in _FRICTION or key in _PARTS_OF_FRICTION:
+            if key in _FRICTION:
                 yield from _numbers(inner, f"{name}.{key}")
     elif isinstance(node, list):
         for i, inner in enumerate(node):

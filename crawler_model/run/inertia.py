@@ -221,8 +221,9 @@ class InertiaMeter:
         met = follow_pieces(motion, state, scratch, targets, default_budget(self._plan.body), account, records)
         seconds = (ends - begins) / NS
         pauses = np.setdiff1d(np.arange(ends.size), met[:, RAMP])  # nothing is commanded there, and nothing moves
-        met = np.concatenate((met, np.zeros((pauses.size, met.shape[1]))))
-        met[met.shape[0] - pauses.size :, RAMP], met[met.shape[0] - pauses.size :, UNTIL] = pauses, 1.0
+        still = np.zeros((pauses.size, met.shape[1]))
+        still[:, RAMP], still[:, UNTIL] = pauses, 1.0
+        met = np.concatenate((met, still))
         met = met[np.argsort(met[:, RAMP], kind="stable")]
         ramp = met[:, RAMP].astype(np.int64)
         kept = (met[:, UNTIL] - met[:, FROM] > _SHORTEST) & (seconds[ramp] > 0.0)
