@@ -266,8 +266,10 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
     known[count:, count:] += scatter
     posterior = dataclasses.replace(collect_posterior(plain, known, freedom), fits=not reason)
     shown = tuple(doubt(p, reason) for p in parameters) if reason else parameters
+    final = posterior.apply(scene)
+    relaxed = final.parts.start == "relaxed" != scene.parts.start
     return Identification(
-        scene=posterior.apply(scene),
+        scene=final,
         parameters=tuple(remark(p, explanations) for p in shown),
         sensors=tuple(doubt_sensor(one) for one in sensors) if reason else sensors,
         residual=float(np.sqrt(np.mean(used**2))),
@@ -282,6 +284,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         warnings=(
             *warn_of_sensors(problem, sensors),
             *_warn(scene, problem, fit, parameters, where),
+            *([_describe_relaxed(scene)] if relaxed else []),
             *(["nothing that was tried explains the misfit"] if unexplained else []),
             *([f"not tried: {'; '.join(untried)}"] if untried else []),
         ),
@@ -291,7 +294,7 @@ def _conclude(scene: Scene, problem: Problem, fit: Fit, structure: Structure, se
         offsets=tuple(0.5 * (design[0] + design[-1]) @ own for design, _, own in added),
         drifts=tuple((design[-1] - design[0])[:, offsets:] @ own[offsets:] for design, offsets, own in added),
         noises=noises,
-        starts=tuple(_find_start(problem, fit, i) for i in range(len(problem.replicas))),
+        starts=tuple(_find_start(problem, fit, i, relaxed) for i in range(len(problem.replicas))),
         posterior=posterior,
         interrupted=fit.interrupted,
     )
@@ -301,11 +304,13 @@ def _is_explained(explanations: Sequence[Explanation]) -> bool:
     return max((one.explained for one in explanations), default=0.0) >= _MOSTLY
 
 
-def _find_start(problem: Problem, fit: Fit, recording: int) -> np.ndarray | None:
-    """Compute the displacement at the start of a recording, shape (N,) [m]; None if it is known."""
+def _find_start(problem: Problem, fit: Fit, recording: int, replaced: bool) -> np.ndarray | None:
+    """Compute the displacement at the start of a recording, shape (N,) [m]; None if the scene found has this start."""
     start = problem.start(fit.unknowns, recording)
     values = problem.space.to_values(fit.unknowns[: problem.space.origin.size])
-    found = None if start is None else problem.replicas[recording].motion_at(values, start)
+    if start is None:
+        return problem.replicas[recording].scene_at(values).start_displacement if replaced else None
+    found = problem.replicas[recording].motion_at(values, start)
     return None if found is None else found[0].start_displacement
 
 
@@ -321,6 +326,14 @@ def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[floa
     gain = float(gains @ weight[places])
     scatter = float(precision @ (gains - gain) ** 2) / max(gains.size - 1, 1)
     return gain, weight, max(scatter - 1.0, 0.0) / float(precision.sum())
+
+
+def _describe_relaxed(scene: Scene) -> str:
+    """Write that the friction that was found does not hold a scene where its own drive begins."""
+    return (
+        f"the values found do not hold the springs of {scene.name} at the first waypoint of its own drive: with them "
+        "this drive begins relaxed"
+    )
 
 
 def _warn_of_start(scene: Scene, problem: Problem, parameters: Sequence[Parameter]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,7 @@ from crawler_model.scene.scene import Scene
 
 from ...sweep.keys import find_path
 from ...sweep.vary import Variations
+from ..replica.playback import relax
 
 _ROUNDING = 1e-9
 """Part of the variances by which a covariance may differ from a symmetric, positive semidefinite one."""
@@ -155,7 +157,7 @@ class Posterior:
 
         Returns:
             The scene with the best values; parameters that are only bounded stay as near to the scene's as they may,
-            clear of their bounds.
+            clear of their bounds. Springs are relaxed at the start if these values do not hold them there otherwise.
 
         Raises:
             CrawlerError: if the scene lacks a parameter, or the values do not fit together.
@@ -171,7 +173,14 @@ class Posterior:
                 value = np.inf if high is None else -np.inf
             value = min(max(value, -np.inf if low is None else low), np.inf if high is None else high)
             values[name] = value if np.isfinite(value) else float(low if low is not None else high or 0.0)
-        return Variations(scene, {key: np.array([v]) for key, v in values.items()}, (1,))[0] if values else scene
+        columns = {key: np.array([v]) for key, v in values.items()}
+        try:
+            return Variations(scene, columns, (1,))[0] if columns else scene
+        except SceneError:
+            others = {key: column for key, column in columns.items() if not key.startswith("start")}
+            with contextlib.suppress(SceneError):
+                return Variations(relax(scene), others, (1,))[0]
+            raise
 
     @property
     def factor(self) -> np.ndarray:

@@ -17,6 +17,15 @@ _STRAIGHT = 1e-12
 """A row this near to the line between its neighbours, relative to the range of its column, is left out."""
 
 
+def relax(scene: Scene) -> Scene:
+    """Let the springs of a scene carry no force at the start.
+
+    Returns:
+        The scene with this start.
+    """
+    return Scene.model_validate(scene.document() | {"start": "relaxed"})
+
+
 def replay_scene(scene: Scene, measured: Measurements, start: np.ndarray | None = None) -> Scene:
     """Build the scene whose drive is replaced by the first recorded command.
 
@@ -103,7 +112,7 @@ def playback(scene: Scene, measured: Measurements, gain: float = 0.0, start: np.
     except SceneError:
         if start is None:
             raise
-        base = replay_scene(Scene.model_validate(scene.document() | {"start": "relaxed"}), measured)
+        base = replay_scene(relax(scene), measured)
     if not measured.command_names:
         scene = base
         if gain == 0.0 or scene.parts.drive is None:

@@ -125,7 +125,7 @@ class Replica:
         if self._is_recorded and not self._base.body.bends:
             far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
             with contextlib.suppress(SceneError):
-                self.is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
+                self.is_affine = _agree(self._local, differentiate_arrays(self.scene_at(far), self._keys, _CALLER))
         self.weight = 1.0 if self.is_affine else np.inf
         self._moves = find_moves(self._base) if unknown_start else None
         self.starts = 0 if self._moves is None else self._base.body.springs
@@ -202,7 +202,15 @@ class Replica:
         found = follow_times(*plan, self.measured.time, self._is_recorded)
         return None if found is None else (plan[0], found[0])
 
-    def _scene_at(self, values: np.ndarray) -> Scene:
+    def scene_at(self, values: np.ndarray) -> Scene:
+        """Build the scene at some values, with the first recorded command and a start that is known or guessed.
+
+        Returns:
+            The scene.
+
+        Raises:
+            SceneError: if the values are not valid.
+        """
         columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
         return Variations(self._base, columns, (1,))[0]
 
@@ -369,7 +377,7 @@ class Replica:
         local, base = self._local, self._base
         if not self.is_affine and not np.array_equal(values, local.values):
             try:
-                base = self._scene_at(values)
+                base = self.scene_at(values)
                 local = dataclasses.replace(local, values=values)
                 if with_derivatives:
                     local = differentiate_arrays(base, self._keys, _CALLER)

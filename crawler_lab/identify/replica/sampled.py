@@ -129,7 +129,7 @@ class SampledReplica(Replica):
     def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute what is measured at some times [ns], and its rates, each of shape (T, M); None without a motion."""
         try:
-            scene: Any = self._scene_at(values)
+            scene: Any = self.scene_at(values)
         except SceneError:
             return None
         if gain:

@@ -21,7 +21,7 @@ from crawler_model.scene.scene import Scene
 from ...derivative.parameters import Derivatives
 from ..measurements import Measurements
 from .follow import begin_path
-from .playback import replay_scene
+from .playback import relax, replay_scene
 
 _LINEAR = 1e-9
 
@@ -53,7 +53,7 @@ def begin_recordings(scene: Scene, keys: Sequence[str], recordings: Sequence[Mea
     """
     if is_start_told(scene, keys):
         return scene, False
-    relaxed = Scene.model_validate(scene.document() | {"start": "relaxed"})
+    relaxed = relax(scene)
     if scene.has_exact_derivatives and find_moves(replay_scene(relaxed, recordings[0])) is not None:
         return relaxed, True
     try:

@@ -94,6 +94,27 @@ def test_sums_are_exact_and_a_line_tells_what_would_add() -> None:
     assert np.abs(played.displacement - played.displacement[0] - moved).max() < 1e-6
 
 
+@pytest.mark.parametrize("told", [False, True])
+def test_a_scene_that_its_found_friction_does_not_hold_starts_relaxed(told: bool) -> None:
+    """The search ended in an error, without a result, where the scene's own drive begins beyond the friction found."""
+    true = [0.2, 0.3, 0.25]
+    document = robot() | {"friction": {"isotropic": true}}
+    times, rows = walk(2, 14.0, 3)
+    measured = measure(document, times, rows) if told else cut(document)
+    document["drive"] = {"times": [0.0, 1.0], "actuation": [[0.22 / 20.0, 0.22 / 23.0]] * 2}
+    document["start"] = {"displacement": [0.0] * 3} if told else None
+    guess = scaled(document, {"friction.isotropic": 1.2})
+    found = identify(guess, [measured], ["friction.isotropic"], hold_out=0.0)
+    assert [p.value for p in found.parameters] == pytest.approx(true, rel=1e-6)
+    (line,) = found.warnings
+    assert "do not hold the springs of measured at the first waypoint of its own drive" in line
+    assert found.scene.parts.start == "relaxed"
+    assert abs(predict(guess, found.posterior).gain.value) < 1e-12
+    played = simulate(found.playback(), float(measured.time[-1]), 50.0)
+    moved = measured.values - measured.values[0]
+    assert np.abs(played.displacement - played.displacement[0] - moved).max() < 1e-6
+
+
 @pytest.mark.parametrize("key", ["friction.forward", "friction.isotropic"])
 def test_known_frictions_tell_the_start(key: str) -> None:
     document = robot()
