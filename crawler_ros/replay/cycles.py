@@ -86,12 +86,16 @@ def find_cycles(path: CommandPath, drive: Drive | None, weights: np.ndarray) -> 
         return []
     played = [] if drive is None or drive.period is None else _find_drive(path, drive, drive.rows @ weights)
     repeated = _find_recurrence(path)
-    # a drive played with pauses, or at another speed, recurs more often than it is found in its own time
-    return played if _count(played) >= _count(repeated) else repeated
+    # a drive played with pauses, or at another speed, recurs on more of the path than it is found in its own time;
+    # one that repeats within its period recurs at most on an unfinished period more
+    way = np.append(0.0, np.linalg.norm(np.diff(path.place, axis=0), axis=1).cumsum())
+    count = max(sum(len(s.bounds) - 1 for s in played), 1)
+    return played if _measure(played, way) * (1.0 + 1.0 / count) > _measure(repeated, way) else repeated
 
 
-def _count(stretches: list[Stretch]) -> int:
-    return sum(len(s.bounds) - 1 for s in stretches)
+def _measure(stretches: list[Stretch], way: np.ndarray) -> float:
+    """Measure the way of the commands, shape (V,), within stretches [the unit of `place`]."""
+    return float(sum(way[s.bounds[-1]] - way[s.bounds[0]] for s in stretches))
 
 
 def _find_drive(path: CommandPath, drive: Drive, places: np.ndarray) -> list[Stretch]:
@@ -134,7 +138,11 @@ def _follow_drive(
     tolerance: float,
     most: int | None,
 ) -> list[int]:
-    """Follow a drive that starts at a vertex as long as the path agrees; return the vertices where its periods end."""
+    """Follow a drive that leaves its start at a vertex as long as the path agrees.
+
+    Returns:
+        The vertex where it starts, before its first pause if there is one, and those where its periods end.
+    """
     span = period * NS
     last_ns = int(path.time_ns[-1])
     count = int((last_ns - start_ns + _INSTANT_NS) / span)
@@ -158,7 +166,10 @@ def _follow_drive(
     held = (vertex < moved.size) & ~moved[np.minimum(vertex, moved.size - 1)]
     right = _pass_corners(path, moved, begins_ns, times, places, tolerance) & (ends_there | held)
     right &= path.time_ns[vertex] < good_ns
-    return [begin, *vertex[: np.append(right, False).argmin()].tolist()]
+    start = int(np.searchsorted(path.time_ns, start_ns - _INSTANT_NS))
+    if start < begin and abs(int(path.time_ns[start]) - start_ns) > _INSTANT_NS:
+        start = begin
+    return [min(start, begin), *vertex[: np.append(right, False).argmin()].tolist()]
 
 
 def _pass_corners(

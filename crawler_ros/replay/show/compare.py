@@ -19,6 +19,7 @@ from ...recording.bag import BagError
 from ..analysis import Replay, analyse
 from ..cycle_table import Cycle
 from ..cycles import ROUNDING
+from ..ramps import RampTable
 
 _MOST_SHOWN = 8
 _OVERLAP = 0.9
@@ -36,6 +37,7 @@ class RunComparison:
         second: the second run.
         commands_differ: simulated time from which the commands differ [s]; None when they never do.
         motion_differs: simulated time from which the net translations differ [s]; None when they never do.
+        resets: number of resets before these differences, of the commands and of the net translations.
         max_difference: largest difference of the net translation [m].
         pairs: cycles at the same time, by their numbers in both runs, from 0.
         unpaired: why no or not all cycles have a partner at the same time; empty when all have.
@@ -48,6 +50,7 @@ class RunComparison:
     second: Replay
     commands_differ: float | None
     motion_differs: float | None
+    resets: tuple[int, int]
     max_difference: float
     pairs: tuple[tuple[int, int], ...]
     unpaired: str
@@ -77,8 +80,12 @@ class RunComparison:
         return {
             "schema": 1,
             "runs": runs,
-            "commands": {"first_difference": self.commands_differ},
-            "motion": {"first_difference": self.motion_differs, "max_difference": self.max_difference},
+            "commands": {"first_difference": self.commands_differ, "resets": self.resets[0]},
+            "motion": {
+                "first_difference": self.motion_differs,
+                "resets": self.resets[1],
+                "max_difference": self.max_difference,
+            },
             "cycles": {"pairs": [list(pair) for pair in self.pairs], "unpaired": self.unpaired or None},
             "translation": [v.tolist() for v in self.translation],
             "energy": self.energy,
@@ -123,8 +130,9 @@ def _compare_runs(one: Replay, two: Replay) -> RunComparison:
         )
     size = max(one.table.size, two.table.size)
     same_kind = one.table.place.any() == two.table.place.any()
-    commands, _ = _first_difference(one, two, "place", ROUNDING * max(_largest(one, "place"), _largest(two, "place")))
-    motion, most = _first_difference(one, two, "net_translation", ROUNDING * size)
+    places = ROUNDING * max(_largest(one, "place"), _largest(two, "place"))
+    commands, commands_resets, _ = _first_difference(one, two, "place", places)
+    motion, motion_resets, most = _first_difference(one, two, "net_translation", ROUNDING * size)
     pairs, unpaired = _pair_cycles(one.cycles, two.cycles)
     gains = [np.subtract(two.cycles[b].translation, one.cycles[a].translation) for a, b in pairs]
     energy = None
@@ -138,6 +146,7 @@ def _compare_runs(one: Replay, two: Replay) -> RunComparison:
         second=two,
         commands_differ=commands if same_kind else 0.0,
         motion_differs=motion,
+        resets=(commands_resets if same_kind else 0, motion_resets),
         max_difference=most,
         pairs=pairs,
         unpaired=unpaired,
@@ -177,31 +186,41 @@ def _largest(run: Replay, name: str) -> float:
     return float(np.abs(getattr(run.table, name)).max(initial=0.0))
 
 
-def _first_difference(one: Replay, two: Replay, name: str, tolerance: float) -> tuple[float | None, float]:
-    """Find when a quantity of two runs first differs, and its largest difference, up to the end of the shorter one.
+def _first_difference(one: Replay, two: Replay, name: str, tolerance: float) -> tuple[float | None, int, float]:
+    """Find when a quantity of two recordings first differs, and its largest difference, while both runs last.
 
     Commands are straight lines between their vertices and are compared at the vertices of both. The translation is not,
     so it is compared where both have a state.
+
+    Returns:
+        The simulated time of the first difference, and the resets before it; and the largest difference.
     """
-    tables = [run.table for run in (one, two)]
-    rows = [np.flatnonzero(t.run == 0) for t in tables]
-    times = [t.end_ns[r] for t, r in zip(tables, rows, strict=True)]
-    values = [getattr(t, name)[r] for t, r in zip(tables, rows, strict=True)]
-    if min(v.size for v in values) == 0 or values[0].shape[1] != values[1].shape[1]:
-        return None, 0.0
-    if name == "place":
-        grid = np.union1d(*times)
-    else:
-        grid = np.intersect1d(times[0], times[1])
-    grid = grid[(grid <= min(t[-1] for t in times)) & (grid >= max(t[0] for t in times))]
-    if grid.size == 0:
-        return None, 0.0
-    apart = np.zeros(grid.size)
-    for k in range(values[0].shape[1]):
-        read = [np.interp(grid, t, v[:, k]) for t, v in zip(times, values, strict=True)]
-        apart = np.maximum(apart, np.abs(read[1] - read[0]))
-    differs = np.flatnonzero(apart > tolerance)
-    return (float(grid[differs[0]]) / NS if differs.size else None), float(apart.max())
+    first, most = None, 0.0
+    for run in range(min(_count_resets(one), _count_resets(two)) + 1):
+        times, values = zip(*(_read_run(each.table, run, name) for each in (one, two)), strict=True)
+        if min(v.size for v in values) == 0 or values[0].shape[1] != values[1].shape[1]:
+            continue
+        grid = np.union1d(*times) if name == "place" else np.intersect1d(*times)
+        grid = grid[(grid <= min(t[-1] for t in times)) & (grid >= max(t[0] for t in times))]
+        apart = np.zeros(grid.size)
+        for k in range(values[0].shape[1]):
+            read = [np.interp(grid, t, v[:, k]) for t, v in zip(times, values, strict=True)]
+            apart = np.maximum(apart, np.abs(read[1] - read[0]))
+        differs = np.flatnonzero(apart > tolerance)
+        if differs.size and first is None:
+            first = float(grid[differs[0]]) / NS, run
+        most = max(most, float(apart.max(initial=0.0)))
+    return (None, 0, most) if first is None else (*first, most)
+
+
+def _count_resets(replay: Replay) -> int:
+    return int(replay.table.run.max(initial=0))
+
+
+def _read_run(table: RampTable, run: int, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Read the ends of the ramps of a run, shape (K,) [ns], and a quantity there, shape (K, D)."""
+    rows = table.run == run
+    return table.end_ns[rows], getattr(table, name)[rows]
 
 
 def _slips(one: Replay, two: Replay, contact: int) -> dict[str, Any]:
@@ -256,14 +275,19 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         screen.print(f"{letter}: {run.path}: {name}, {run.seconds:g} s, {len(run.cycles)} cycle(s){problem}")
     for line in _set_ups(one, two):
         screen.print(line)
-    when = "the same" if found.commands_differ is None else f"different from {found.commands_differ:g} s on"
-    screen.print(f"commands: {when} while both runs last")
-    if found.motion_differs is None:
-        screen.print(f"net translation: the same (largest difference {found.max_difference:.1e} m)")
-    else:
+    if _count_resets(one) != _count_resets(two):
         screen.print(
-            f"net translation: differs from {found.motion_differs:g} s on, by up to {found.max_difference:.6g} m"
+            f"resets (A / B): {_count_resets(one)} / {_count_resets(two)}; runs of the same number are compared"
         )
+    when, moved = (
+        "" if time is None else f"{time:g} s {f'after reset {resets} ' if resets else ''}on"
+        for time, resets in zip((found.commands_differ, found.motion_differs), found.resets, strict=True)
+    )
+    screen.print(f"commands: {f'different from {when}' if when else 'the same'} while both runs last")
+    if moved:
+        screen.print(f"net translation: differs from {moved}, by up to {found.max_difference:.6g} m")
+    else:
+        screen.print(f"net translation: the same (largest difference {found.max_difference:.1e} m)")
     if found.unpaired:
         screen.print(found.unpaired)
     # a row each: gain of the cycles, angles, energies, slips

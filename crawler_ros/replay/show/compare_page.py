@@ -45,8 +45,9 @@ def draw_comparison(found: RunComparison, png: Path) -> None:
             lost = np.cumsum(run.table.dissipation[every])
             energy = max(energy, float(lost.max(initial=0.0)))
             axes[1, 0].plot(run.table.end_ns[every] / NS, lost, color=color, linewidth=1.6)
-    for when, axis in ((found.motion_differs, axes[0, 0]), (found.commands_differ, axes[1, 0])):
-        if when is not None:
+    differences = found.commands_differ, found.motion_differs
+    for when, resets, axis in zip(differences, found.resets, (axes[1, 0], axes[0, 0]), strict=True):
+        if when is not None and resets == 0:
             axis.axvline(when, color=GREY, linewidth=0.8, linestyle="--")
     write_title(axes[0, 0], f"net translation{_explain(runs)}; dashed: first difference")
     label_values(axes[1, 0], "dissipation", "J", energy)

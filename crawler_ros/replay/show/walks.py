@@ -43,6 +43,7 @@ class Walk:
         size: size of the numbers from which lengths were computed [m].
         error: error of lengths in the plane [m]; 0 on a line.
         turned: angle by which the body turned in each cycle, shape (C,) [rad]; None if it does not or is not known.
+        resets: number of resets of a recording; what follows the first one is left out.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Walk:
     size: float
     error: float
     turned: np.ndarray | None = None
+    resets: int = 0
 
     def as_plain(self) -> dict[str, Any]:
         """Convert to the values that `crawler compare --json` prints.
@@ -147,6 +149,7 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
         size=found.table.size,
         error=0.0 if found.scene is None else error_of(found.scene),
         turned=None if cycles[0].turned is None else np.array([cycle.turned for cycle in cycles]),
+        resets=int(found.table.run[-1]),
     )
 
 
@@ -217,6 +220,8 @@ def print_walks(walks: Sequence[Walk], screen: Console) -> None:
             screen.print(
                 f"{walk.name}: what is before its first cycle, at {walk.starts[0]:g} s, is left out", markup=False
             )
+        if walk.resets:
+            screen.print(f"{walk.name}: what follows its first reset is left out", markup=False)
 
 
 @own_style()

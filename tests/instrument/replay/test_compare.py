@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 from dataclasses import replace
@@ -13,6 +14,7 @@ from PIL import Image
 
 from crawler_command.screen import Screen
 from crawler_model import Scene, load_scene
+from crawler_model.body.drive import NS
 from crawler_ros.recording.bag import BagError
 from crawler_ros.replay.show.compare import compare_recordings, print_comparison
 from crawler_ros.replay.show.compare_page import draw_comparison
@@ -20,7 +22,7 @@ from crawler_ros.replay.show.report import _print_cycles
 from crawler_ros.replay.show.walks import draw_walks, print_walks, tabulate_walks, walk_of_recording
 
 from ...commands import crawler
-from ...recordings import record
+from ...recordings import attachments, messages, play, record, write
 
 
 def longer(name: str, length: float) -> Scene:
@@ -59,6 +61,25 @@ def test_two_rates_of_one_gait_command_the_same(tmp_path):
     assert found.commands_differ is None
     assert found.motion_differs is None
     assert found.max_difference < 1e-12
+
+
+def test_runs_after_a_reset_are_compared_too(tmp_path):
+    """What followed a reset was left out, and the commands were called the same."""
+    scene, other = load_scene("two_anchor_b"), longer("two_anchor_b", 6)
+    folders = []
+    for name, second in (("a", scene), ("b", other)):
+        runs = [messages(scene, play(one, 300_000_000, 300_000_000 + 2 * NS)) for one in (scene, second)]
+        folders.append(write(tmp_path / name, itertools.chain(*runs), attachments(scene)))
+    found = compare_recordings(*folders)
+    assert found.commands_differ == pytest.approx(0.31)
+    assert found.resets == (1, 1)
+    assert found.max_difference > 0.0
+    screen = Screen(record=True, width=120)
+    print_comparison(found, screen)
+    assert "commands: different from 0.31 s after reset 1 on" in screen.export_text(clear=False)
+    print_walks([walk_of_recording(folder.name, found.first) for folder in folders], screen)
+    assert "a: what follows its first reset is left out" in screen.export_text()
+    draw_comparison(found, tmp_path / "x.png")
 
 
 def test_different_bodies_are_refused(pair, tmp_path):

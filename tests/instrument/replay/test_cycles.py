@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crawler_model import load_scene
+from crawler_model import Scene, load_scene
 from crawler_ros.replay.cycles import CommandPath, find_cycles, signature_weights
 
 TICK = 10_000_000
@@ -102,3 +102,29 @@ def test_a_dropped_waypoint_is_not_the_drive():
 def test_a_hundred_thousand_ticks_of_noise_come_to_an_end():
     rows = np.random.default_rng(2).integers(0, 5, (100_000, 3))
     assert isinstance(find(path(rows)), list)
+
+
+def driven(times: list[float], lengths: list[float], period: float) -> Scene:
+    document = load_scene("two_anchor_b").document()
+    document["drive"] = {"times": times, "actuation": [[length] for length in lengths], "period": period}
+    return Scene.model_validate(document)
+
+
+@pytest.mark.parametrize("periods", [3.0, 3.75])
+def test_the_period_of_the_drive_is_the_cycle_also_where_it_repeats_within(periods):
+    """The halves of a period were taken for cycles of the recording, beside whole periods of its scene."""
+    scene = driven([0.0, 0.5, 1.0, 1.5], [0.0, 1.0, 0.0, 1.0], 2.0)
+    rows = scene.drive.sample(np.arange(round(200 * periods) + 1) * TICK)
+    (found,) = find(path(rows), scene)
+    assert found.bounds == (0, 200, 400, 600)
+    assert found.source == "drive"
+
+
+@pytest.mark.parametrize("wait", [0, 30])
+def test_a_period_that_begins_with_a_pause_includes_it(wait):
+    """The first cycle began where the commands did, and was shorter than the others."""
+    scene = driven([0.0, 0.5, 1.0, 1.5], [0.0, 0.0, 1.0, 0.0], 2.0)
+    rows = scene.drive.sample(np.arange(601) * TICK)
+    (found,) = find(path(np.vstack((np.repeat(rows[:1], wait, axis=0), rows))), scene)
+    assert np.diff(found.bounds).tolist() == [200, 200, 200]
+    assert found.bounds[0] == wait
