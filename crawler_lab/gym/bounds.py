@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from crawler_model import Scene
+from crawler_model.body.body import Body
+from crawler_model.body.curves import YIELD, Bend, Curve
 
 from .actions import Actions
 from .kernel.layout import REACH
@@ -31,8 +33,9 @@ def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate:
     """Compute the bounds of an observation.
 
     A tension is bounded by the friction that can hold it, in loops and between walls also by the energy of the commands
-    where all contacts stand, an elongation by the stroke and the tension, the way of a
-    contact in a step by what all springs together gain, and the error of a task by the way of an episode.
+    where all contacts stand, an elongation by the stroke and the tension, the way of a contact in a step by what all
+    springs together gain, and the error of a task by the way of an episode. What a limit of tension leaves free to move
+    has no bound.
 
     Args:
         scene: the scene.
@@ -48,8 +51,7 @@ def find_spans(scene: Scene, actions: Actions, task: Task, ranges: Ranges, rate:
     """
     body, axes = scene.body, scene.dimension
     tension, most = _tensions(scene, actions, ranges)
-    stiffness = body.stiffness * ranges.ranges.get("stiffness", (1.0, 1.0))[0]
-    give = tension / stiffness
+    give = _gives(body, tension / ranges.ranges.get("stiffness", (1.0, 1.0))[0], most)
     size, low, high = actions.limits
     stroke, change = _largest(scene, high - low), _largest(scene, size)
     elongation = body.joint_sum(most + give)
@@ -76,19 +78,57 @@ def _largest(scene: Scene, row: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(lengths.reshape(springs, axes), axis=1))
 
 
+def _gives(body: Body, tension: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Compute by how much the largest elongation of each spring exceeds the largest command, shape (S,) [m].
+
+    Args:
+        body: the body.
+        tension: the largest one of each spring, at its stiffness, shape (S,) [N].
+        most: the largest change of its rest length, shape (S,) [m].
+    """
+    give = tension / body.stiffness
+    for bend in body.bends:
+        j = bend.spring
+        held = float(tension[j]) + sum(slider[YIELD] for slider in bend.sliders)
+        ahead = float(most[j]) + bend.backlash + abs(bend.ahead)
+        ends = [_farthest(_with_length(bend, side * ahead), side, held) for side in (1.0, -1.0)]
+        give[j] = max(*ends, 0.0) - most[j]
+    return np.maximum(give, 0.0)
+
+
+def _with_length(bend: Bend, length: float) -> Curve:
+    """Build the tension of a bent spring over its elongation at a rest length."""
+    actuator = bend.actuator
+    return Curve(actuator.at + length, actuator.value, actuator.first, actuator.last) + bend.passive
+
+
+def _farthest(curve: Curve, side: float, tension: float) -> float:
+    """Find how far a curve stays within a tension towards a side; infinite if it never exceeds it [m]."""
+    at, value, last = (
+        (curve.at, curve.value, curve.last) if side > 0.0 else (-curve.at[::-1], -curve.value[::-1], curve.first)
+    )
+    beyond = int(np.searchsorted(value, tension, side="right"))
+    if beyond == at.size:
+        return float(at[-1] + (tension - value[-1]) / last) if last > 0.0 else np.inf
+    return float(at[beyond] if beyond == 0 else np.interp(tension, value[beyond - 1 :], at[beyond - 1 :]))
+
+
 def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarray, np.ndarray]:
     """Compute the largest tension and the largest change of rest length of each spring, each of shape (S,)."""
     body, columns = scene.body, scene.columns
     most = _largest(scene, np.abs(actions.limits[1:]).max(axis=0))
     target = columns.target(np.where(actions.of >= 0, actions.limits[2], scene.drive.rows[0]))
-    sides = np.abs(target[body.springs * scene.dimension :])
-    n = body.contacts
+    sides, n = target[body.springs * scene.dimension :], body.contacts
+    load = np.zeros(n)
     if scene.dimension == 2:
         friction = sides[: columns.frictions].reshape(n, -1).max(axis=1)
-        held = np.linalg.norm(sides[columns.frictions :].reshape(-1, 2), axis=1).sum()
+        if sides.size > columns.frictions:
+            load = np.linalg.norm(sides[columns.frictions :].reshape(n, 2), axis=1)
+    elif sides.size > 2 * n:  # the bounds contain the loads
+        load = np.abs(sides[2 * n :])
+        friction = np.maximum(sides[:n] + sides[2 * n :], sides[n : 2 * n] - sides[2 * n :])
     else:
-        friction = np.maximum(sides[:n], sides[n : 2 * n])
-        held = sides[2 * n :].sum()
+        friction = np.maximum(sides[:n], sides[n:])
     friction = friction * max(ranges.ranges.get("friction", (1.0, 1.0))[1], 1.0)
     if "slope" in ranges.ranges:
         friction = friction / np.cos(scene.ground.slope)  # coefficients hold most on level ground
@@ -99,11 +139,11 @@ def _tensions(scene: Scene, actions: Actions, ranges: Ranges) -> tuple[np.ndarra
         friction = friction * track.largest_factor.max() + track.largest_added.max(axis=0)
     if scene.ground.regions is not None:
         friction = friction * scene.ground.regions.factors.max()
-    friction = friction + max(abs(low), abs(high)) * body.ground + weight
+    friction = friction + load + max(abs(low), abs(high)) * body.ground + weight
     if body.is_chain and (track is None or track.walls is None):
         up = np.cumsum(friction)
         return np.minimum(up[:-1], up[-1] - up[:-1]), most
-    total = float(friction.sum() + held)
+    total = float(friction.sum())
     stiffness = body.stiffness * max(ranges.ranges.get("stiffness", (1.0, 1.0))[1], 1.0)
     return total + np.sqrt(stiffness * float((stiffness * most**2).sum())), most
 

@@ -123,6 +123,49 @@ def test_tensions_are_bounded_between_walls_where_friction_does_not_hold_them():
     assert np.abs(observation[2:4]).min() > 1.0  # both springs push, with k (2 D - room) / 2
 
 
+CURVE = {"elongation": [-0.1, 0.0, 0.1], "tension": [-0.5, 0.0, 5.0]}
+STOPS = {"shortest": -0.02, "longest": 0.02, "stiffness": 60.0}
+BENT = {
+    "limits": {"stiffness": 20.0, "tension": {"least": 0.0, "most": 0.05}},
+    "curve": {"curve": CURVE},
+    "hysteresis": {"stiffness": 20.0, "hysteresis": [{"stiffness": 40.0, "yield": 0.5}]},
+    "stops": {"stiffness": 5.0, "passive": {"stiffness": 0.0, "stops": STOPS}},
+    "backlash": {"stiffness": 20.0, "backlash": 0.02},
+}
+
+
+@pytest.mark.parametrize("spring", BENT)
+def test_no_bound_cuts_the_elongation_of_a_spring_that_bends(spring):
+    """The bound of a linear spring of the same stiffness cut what was observed."""
+    friction = {side: [1.0, 0.1, 1.0] for side in ("forward", "backward")}
+    body = {"contacts": [0.0, 0.2, 0.4], "links": [BENT[spring], {"stiffness": 20.0}]}
+    drive = {"times": [0, 1, 2, 3], "period": 3.0, "actuation": [[0, 0], [0.01, -0.1], [-0.01, 0.1], [0, 0]]}
+    env = make(Scene.model_validate({"name": spring, "body": body, "friction": friction, "drive": drive}))
+    rng = np.random.default_rng(0)
+    for hold in (1, 2, 4):
+        env.reset(seed=0)
+        for action in np.sign(rng.normal(size=(60 // hold, 2))).repeat(hold, axis=0):
+            observation, *_ = env.step(action)
+            assert observation[:2] == pytest.approx(np.diff(env.displacement), abs=1e-12)
+    assert np.isinf(env.observation_space.high[0]) == (spring == "limits")
+
+
+def test_no_bound_cuts_a_tension_where_ground_holds_more_and_loads_pull():
+    friction = {"forward": [2.0, 0.05], "backward": [2.0, 0.4]}
+    drive = {"times": [0, 1, 2, 3], "period": 3.0, "actuation": [[0], [0.1], [-0.1], [0]]}
+    ground = {"patches": [{"from": -5.0, "to": 5.0, "friction": 3.0}]}
+    body = {"contacts": [0.0, 0.2], "links": {"stiffness": 20.0}}
+    scene = {"name": "loaded", "body": body, "friction": friction, "loads": [0.0, -0.1], "ground": ground}
+    env = make(Scene.model_validate(scene | {"drive": drive}))
+    env.reset(seed=0)
+    seen = []
+    for step in range(20):
+        observation, *_ = env.step(np.array([(-1.0) ** (step // 4)]))
+        assert observation[1] == pytest.approx(20.0 * (observation[0] - env.lanes.row(0)[0]), abs=1e-12)
+        seen.append(observation[1])
+    assert max(np.abs(seen)) > 1.05
+
+
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_same_seed_same_bits(kind):
     options = {"noise": 0.02, "delay": [0, 2], "stiffness": [0.8, 1.0]}
