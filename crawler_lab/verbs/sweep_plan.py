@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import dataclasses
 import json
 import math
@@ -19,7 +21,7 @@ from pyarrow.csv import write_csv
 
 from crawler_command.screen import PICTURES, check_output, whole_file
 from crawler_command.units import unit_of
-from crawler_model import CrawlerError, Scene
+from crawler_model import CrawlerError, Scene, SceneError
 from crawler_model.theory.uniqueness import UNDETERMINED
 from crawler_ros.recording.attachments import installed_version
 
@@ -297,10 +299,33 @@ def summarise(sweep: Sweep, runs: ManyRuns) -> dict[str, Any]:
         **counts,
         "not_unique": int(((runs.status == "done") & ~runs.unique).sum()),
         "best": best,
+        "notes": _describe_meshes(sweep.variations),
         "table": str(sweep.out) if written else None,
         "picture": str(sweep.png) if written and sweep.png is not None else None,
         "wall_s": runs.wall_s,
     }
+
+
+def _describe_meshes(variations: Variations) -> list[str]:
+    """Name the segments whose accuracy takes more elements at an end of an axis than the sweep gives them."""
+    kept = [part.elements is not None for part in variations.base.parts.body.segments]
+    needed: dict[str, tuple[int, str]] = {}
+    ends = {int(find(column)) for column in variations.values.values() for find in (np.argmin, np.argmax)}
+    for at in () if all(kept) else sorted(ends):
+        document = copy.deepcopy(variations.document(at))
+        for part in (part for part, keeps in zip(document["body"]["segments"], kept, strict=True) if not keeps):
+            part.pop("elements", None)
+        with contextlib.suppress(SceneError):
+            for own, alone in zip(
+                variations[at].body.segments, Scene.model_validate(document).body.segments, strict=True
+            ):
+                if alone.elements > max(own.elements, needed.get(own.name, (0, ""))[0]):
+                    where = ", ".join(f"{key} = {column[at]:.6g}" for key, column in variations.values.items())
+                    needed[own.name] = alone.elements, f"{own.elements} elements; at {where} its accuracy"
+    return [
+        f"segment {name} has {text} takes {count}: write `elements: {count}` for it"
+        for name, (count, text) in needed.items()
+    ]
 
 
 def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
@@ -332,6 +357,7 @@ def describe_sweep(sweep: Sweep, runs: ManyRuns) -> list[str]:
         lines.append(f"largest {words[name]}{along}: {about['best'][name]:.6g} m at {at}")
     if about["not_unique"]:
         lines.append(f"{about['not_unique']} of them are not unique: in some interval {UNDETERMINED}")
+    lines += about["notes"]
     first = next((reason for reason in runs.reason if reason), None)
     if first is not None:
         lines.append(f"first invalid variation: {first}")

@@ -18,7 +18,7 @@ import pytest
 
 from crawler_command.app import main
 from crawler_command.units import unit_of
-from crawler_model import load_scene
+from crawler_model import Scene, load_scene
 
 from ..processes import PATIENCE_S, wait_until
 from .test_command import CRAWLER, good
@@ -292,6 +292,19 @@ def command_status(arguments: list[str], folder: Path, monkeypatch, patience: fl
 
 
 # On a cluster
+
+
+def test_a_mesh_too_coarse_for_the_accuracy_of_a_variation_is_named(tmp_path):
+    """Segments keep the elements of the base scene, and the error of a stiff one was twice its accuracy without a word."""
+    key = "body.segments[0].stiffness"
+    arguments = ["sweep", "peristaltic_segment", "--out", "a.csv", "--force", "--vary"]
+    (note,) = json.loads(good(*arguments, f"{key}=1,20", "--json", cwd=tmp_path))["notes"]
+    assert note.startswith(f"segment trunk has 47 elements; at {key} = 20 its accuracy takes ")
+    document = load_scene("peristaltic_segment").document()
+    del document["body"]["segments"][0]["elements"]
+    document["body"]["segments"][0]["stiffness"] = 20.0
+    assert note.endswith(f"write `elements: {Scene.model_validate(document).body.segments[0].elements}` for it")
+    assert "elements" not in good(*arguments, f"{key}=0.9,1", cwd=tmp_path)
 
 
 OPTIONS = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
