@@ -58,7 +58,8 @@ def choose_rate(scene: Scene) -> float:
 def _meets_waypoints(drive: Drive, rate: float) -> bool:
     """Determine whether all waypoints of a drive lie at the ends of ticks."""
     ticks = np.append(drive.times, drive.period or 0.0) * rate
-    return bool(np.abs(ticks - np.rint(ticks)).max() < 1e-6)
+    ends = np.rint(ticks)
+    return bool(np.abs(ticks - ends).max() < 1e-6) and np.unique(ends[:-1]).size == drive.times.size
 
 
 def with_mass(scene: Scene, mass: float) -> Scene:
@@ -114,7 +115,8 @@ def _print_findings(run: Trajectory, screen: Console) -> None:
             print_limits_of_tension(run, screen)
         if not _meets_waypoints(scene.drive, run.rate):
             screen.print(
-                f"forces are those at ticks of {1.0 / run.rate:g} s: at waypoints between ticks they may be larger"
+                f"forces, and the limits that they reach, are those at ticks of {1.0 / run.rate:g} s: "
+                "at waypoints between ticks they may be larger"
             )
         print_pushes(run, screen)
         print_limits(scene, screen)
@@ -134,7 +136,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
     """
     scene, body = run.scene, run.scene.body
     directions = _find_directions(scene)
-    slides = (run.contact_state != 0).any(axis=0)
+    slides = run.slid.any(axis=0)
     printed = io.StringIO()
     _print_findings(run, Screen(file=printed, soft_wrap=True))
     return {
@@ -182,7 +184,7 @@ def _contacts(run: Trajectory) -> Table:
         if i != last + 1:
             table.add_row(f"({i - last - 1} more)", *[""] * (len(table.columns) - 1))
         last = i
-        slides = [name for sign, name in ((1, "forward"), (-1, "back")) if (run.contact_state[:, i] == sign).any()]
+        slides = [name for slid, name in zip(run.slid[:, i], ("forward", "back"), strict=True) if slid]
         if planar:
             each = drive.targets[:, body.lengths :][:, : scene.columns.frictions].reshape(-1, body.contacts, width)
             bounds = [_span(side) for side in each[:, i].T] if turns else [_span(each[:, i])]
@@ -346,7 +348,7 @@ def _print_motion(run: Trajectory, screen: Console) -> None:
     unique = "no" if not run.unique else "yes" if run.visited_margin > 0.0 else "yes (0 only at instants)"
     screen.print(f"visited margin: {run.visited_margin:.4g}{of}; unique along the drive: {unique}")
     _print_crossings(run, screen)
-    still = [i for i in range(body.contacts) if not run.contact_state[:, i].any()]
+    still = np.flatnonzero(~run.slid.any(axis=0)).tolist()
     if len(still) == body.contacts:
         screen.print("too weak: the drive never leaves the stasis domain, so nothing moves")
     elif still:

@@ -181,7 +181,7 @@ def _print_translation(run: Trajectory, rate: float) -> None:
         table.add_row(f"{run.time[-1]:g}", write_length(run.net_translation[-1], size, error), "")
     screen.print(table)
     if abs(y[0]).max() > max(error, _MISSED * size):
-        screen.print("at 0 s: the move from the start onto the first waypoint, before time runs")
+        screen.print("at 0 s: the net translation of the start relative to the reference shape")
 
 
 def _check_certificate(run: Trajectory) -> None:

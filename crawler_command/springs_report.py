@@ -91,7 +91,7 @@ def _find_weak(body: Body, run: Trajectory) -> list[str]:
             more = sum(slider[YIELD] for slider in bend.sliders)
             least[bend.spring], most[bend.spring] = bend.limits[0] - more, bend.limits[1] + more
     lines = []
-    for i in np.flatnonzero((run.contact_state == 0).all(axis=0)):
+    for i in np.flatnonzero(~run.slid.any(axis=0)):
         ahead = most[body.ends[:, 0] == i].sum() - least[body.ends[:, 1] == i].sum()
         behind = most[body.ends[:, 1] == i].sum() - least[body.ends[:, 0] == i].sum()
         needed = (run.scene.drive.forward[:, i].min(), run.scene.drive.backward[:, i].min())

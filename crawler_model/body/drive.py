@@ -95,9 +95,10 @@ class Drive:
             span = self.period * NS
             first = max(int(np.floor((after_ns + 1) / span)) - 1, 0)
             count = int(np.ceil((until_ns - first * span) / span)) + 2
-            starts = self.period * np.arange(first, first + max(count, 0))
-            found = np.rint((starts[:, None] + self.times[rows]) * NS).astype(np.int64).ravel()
-            rows = np.tile(rows, starts.size)
+            starts = np.rint(span * np.arange(first, first + max(count, 0) + 1)).astype(np.int64)[:, None]
+            found = starts[:-1] + np.rint(self.times[rows] * NS).astype(np.int64)
+            found = np.minimum(found, starts[1:] - np.arange(rows.size, 0, -1)).ravel()  # rounding of the period
+            rows = np.tile(rows, starts.size - 1)
         inside = (found > after_ns) & (found <= until_ns)
         return found[inside], rows[inside]
 

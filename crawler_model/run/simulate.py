@@ -132,6 +132,7 @@ class _Run:
         self.x = np.empty((ticks + 1, *body.position.shape))
         self.tension = np.empty((ticks + 1, *crawler.tension.shape))
         self.state = np.zeros((ticks + 1, body.contacts), np.int8)
+        self.slid = np.zeros((2, body.contacts), np.bool_)
         self.x[0], self.tension[0] = crawler.displacement, crawler.tension
         self.waypoint_row: list[int] = [0]
         self.waypoint_x: list[np.ndarray] = [crawler.displacement]
@@ -189,6 +190,8 @@ class _Run:
         self.wall_push += find_pushes(self.crawler.scene, vertex_ns[way] / NS, x[way], tension[way], targets[way])
         moved = np.diff(x, axis=0, prepend=self.last[0][None]) + np.diff(rest, axis=0, prepend=self.last[1][None])
         self.state[rows] = _directions(moved, np.concatenate(([0], ends[:-1] + 1)))
+        plane = moved.ndim == 3
+        self.slid |= [((moved != 0.0).any(axis=2) if plane else side * moved > 0.0).any(axis=0) for side in (1, -1)]
         self.last = (x[-1].copy(), rest[-1].copy())
         counts = (vertex_ns[at] > 0) & ((way_rows == 0) | (drive.period is None))
         self.waypoint_row += way_rows[counts].tolist()
@@ -241,6 +244,7 @@ class _Run:
             self.tension,
             average_displacement(body, self.x),
             self.state,
+            self.slid,
             np.array(way_time, dtype=np.float64),
             way_x[:, body.stations],
             average_displacement(body, way_x),

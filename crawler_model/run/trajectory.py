@@ -58,6 +58,8 @@ class Trajectory(Tabular):
         tension: shape (T, S), in the plane (T, S, 2) [N].
         net_translation: y, shape (T,), in the plane (T, 2) [m].
         contact_state: direction of each contact in the tick: 1 forward, -1 backward, 0 stuck; int8, shape (T, N).
+        slid: whether each contact slid forward, and backward, also where it returned within a tick; in the plane
+            whether it slid, twice; bool, shape (2, N).
         waypoint_time: times of the start and of each waypoint passed (with a period, of its end), shape (W,) [s].
         waypoint_displacement: x at these times of the isolated contacts, then of both ends of each segment, shape
             (W, stations), in the plane (W, N, 2) [m].
@@ -98,6 +100,7 @@ class Trajectory(Tabular):
     tension: np.ndarray
     net_translation: np.ndarray
     contact_state: np.ndarray
+    slid: np.ndarray
     waypoint_time: np.ndarray
     waypoint_displacement: np.ndarray
     waypoint_net_translation: np.ndarray

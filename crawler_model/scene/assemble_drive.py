@@ -17,6 +17,9 @@ from .assemble_friction import planar_loads
 from .friction_parts import FrictionRowsPart
 from .parts import DrivePart, SceneParts, WavePart
 
+_SAME_TIME = 1e-9
+"""Part of a period by which times differ by rounding."""
+
 
 def assemble_drive(
     parts: SceneParts, body: Body, columns: Columns, friction: np.ndarray, doubts: np.ndarray | None = None
@@ -154,6 +157,12 @@ def _build_waves(
         raise SceneError("drive.friction_wave.period: it must equal drive.wave.period")
     times = _merge_times(*(np.arange(w.samples + 1) * (period / w.samples) for w in waves))
     times[-1] = period
+    apart = float(np.diff(times).min()) * NS
+    if apart < 1.0 - _SAME_TIME:
+        name = "wave" if part.wave is not None else "friction_wave"
+        raise SceneError(
+            f"drive.{name}.period: {period:g} s, with samples {apart:g} ns apart; they must be at least 1 ns apart"
+        )
     actuation = np.zeros((times.size, columns.lengths))
     sides, loads = friction[..., : columns.frictions], friction[..., columns.frictions :]
     if part.wave is not None:
@@ -178,9 +187,9 @@ def _build_waves(
 
 
 def _merge_times(*grids: np.ndarray) -> np.ndarray:
-    """Merge the waypoint times of several waves [s]; times less than a nanosecond apart are merged."""
+    """Merge the waypoint times of several waves [s]; times that differ by rounding are one."""
     times = np.unique(np.concatenate(grids))
-    return times[np.concatenate(([True], np.diff(times) * NS >= 1.0))]
+    return times[np.concatenate(([True], np.diff(times) > _SAME_TIME * times[-1]))]
 
 
 def _sampled(part: WavePart, times: np.ndarray, places: np.ndarray) -> np.ndarray:

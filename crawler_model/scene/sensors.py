@@ -129,8 +129,8 @@ class Sensors:
             if self._random.random() >= part.dropped or self._before is None:
                 self._waiting.append(self._follow(ns, values))
                 self.latest = self.latest or self._before
-        arrived = []
-        while self._waiting and self._waiting[0].ns + part.delay * NS <= ns:
+        arrived, sent = [], ns - round(part.delay * NS)
+        while self._waiting and self._waiting[0].ns <= sent:
             self.latest = self._waiting.popleft()
             arrived.append(self.latest)
         return arrived

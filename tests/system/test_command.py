@@ -439,6 +439,21 @@ def test_loads_that_a_wall_holds_have_no_stasis_domain(contacts, tmp_path, capsy
     assert not (tmp_path / "s.png").exists()
 
 
+@pytest.mark.parametrize("times", [[0, 1e-9, 2e-9, 1], [0, 3e-6, 6e-6, 1e-5]])
+def test_check_sees_contacts_that_return_within_a_tick(times, tmp_path, capsys):
+    """They were reported never to slide, and the drive to be too weak."""
+    drive = {"times": times, "period": times[-1], "actuation": [[0], [0.1], [0], [0]]}
+    document = {"name": "pulse", "body": {"contacts": [0, 0.2], "links": {"stiffness": 20.0}}, "drive": drive}
+    (tmp_path / "s.json").write_text(json.dumps(document | {"friction": {"isotropic": [1.0, 0.1]}}))
+    with pytest.raises(SystemExit):
+        main(["check", str(tmp_path / "s.json")])
+    out = " ".join(capsys.readouterr().out.split())
+    assert "forward and back" in out
+    assert "too weak" not in out
+    assert "contacts that never slide: 0 " in out
+    assert "at waypoints between ticks they may be larger" in out
+
+
 @pytest.mark.parametrize(("pulse", "told"), [(0.665, False), (0.66671, True)])
 def test_check_tells_where_waypoints_lie_between_ticks(pulse, told, tmp_path, capsys):
     """A short pulse reached a limit of tension, within which the link was reported to stay."""

@@ -114,3 +114,12 @@ def test_a_mistake_in_a_scene_is_named(given, said):
     with pytest.raises(SceneError, match="sensors") as error:
         Scene.model_validate(document | {"sensors": given})
     assert said in str(error.value)
+
+
+def test_a_delay_of_whole_ticks_arrives_on_its_tick() -> None:
+    """0.067 s is a little more than 67 000 000 ns in floating point, and arrived a tick late."""
+    for milliseconds in range(1, 1000):
+        sensors = Sensors(SensorsPart(delay=milliseconds / 1000), UNITS)
+        readings = np.zeros(len(UNITS))
+        sensors.measure(0, readings)
+        assert len(sensors.measure(milliseconds * 1_000_000, readings)) == 1, milliseconds
