@@ -212,9 +212,8 @@ class _Search:
         self.guesses = [self.space.origin, *(values for values in near if self._information(values) is not None)]
 
     def _build_replica(self, recording: Measurements) -> Replica:
-        if self.scene.has_exact_derivatives:
-            return Replica(self.begun, recording, self.names, "excite", self.unknown_start)
-        return SampledReplica(self.scene, recording, self.names, "excite")
+        kind = Replica if self.scene.has_exact_derivatives else SampledReplica
+        return kind(self.begun, recording, self.names, "excite", self.unknown_start)
 
     def grow(self, most: int, interval: float, progress: Callable[[float], None] | None) -> None:
         """Append waypoints up to `most`, until the half widths of all intervals are below `interval` [1]."""

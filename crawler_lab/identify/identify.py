@@ -124,7 +124,7 @@ def identify(
     names = expand_keys(base, keys, "identify")
     kind = Replica if base.has_exact_derivatives else SampledReplica
     replicas = [kind(begun, m, names, "identify", unknown) for m in checked]
-    if unknown and offset == "none":  # nothing tells where the first contact stands at the start
+    if unknown and base.has_exact_derivatives and offset == "none":  # nothing tells where the first contact stands
         offset = "frame"
     space = build_space(names, replicas[0].start_values, bounds)
     rows = _fitted_rows([m.time.size for m in checked], hold_out, apart=not unknown)
@@ -307,11 +307,10 @@ def _is_explained(explanations: Sequence[Explanation]) -> bool:
 def _find_start(problem: Problem, fit: Fit, recording: int, replaced: bool) -> np.ndarray | None:
     """Compute the displacement at the start of a recording, shape (N,) [m]; None if the scene found has this start."""
     start = problem.start(fit.unknowns, recording)
+    if start is None and not replaced:
+        return None
     values = problem.space.to_values(fit.unknowns[: problem.space.origin.size])
-    if start is None:
-        return problem.replicas[recording].scene_at(values).start_displacement if replaced else None
-    found = problem.replicas[recording].motion_at(values, start)
-    return None if found is None else found[0].start_displacement
+    return problem.replicas[recording].displacement_at_start(values, start)
 
 
 def _find_gain(problem: Problem, fit: Fit, covariance: np.ndarray) -> tuple[float, np.ndarray, float]:
@@ -380,6 +379,11 @@ def _warn(scene: Scene, problem: Problem, fit: Fit, parameters: Sequence[Paramet
         for r in problem.replicas
         for one, other in find_copies(scene.body, r.measured)
     ]
+    if problem.starts and scene.ground.differs and problem.offset != "none":
+        warnings.append(
+            f"where the robot stood at the start is unknown, which matters with {scene.ground.differs}; positions in "
+            "the frame of the scene, with offset none, would tell it"
+        )
     tried = f"{fit.starts} starts, and {fit.reached} of them ended here" if fit.starts > 1 else "one start"
     found = (
         "if the model is right, it is a local minimum, which more time may leave"

@@ -172,7 +172,7 @@ class Balance:
         found = np.concatenate((self._space.to_coordinates(start), np.zeros(1 + self._ends[-1])))
         for k, one in enumerate(self._seen):
             if one.replica.starts:
-                at = one.replica.relaxed(start)
+                at = one.replica.displacement_at_start(start)
                 if at is None:
                     return None
                 apart = (at - at[0]) - (one.first - one.first[0])

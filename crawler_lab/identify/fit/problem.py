@@ -225,13 +225,14 @@ class Problem:
         return range(first, first + len(self.names))
 
     def unknowns(self, values: np.ndarray) -> np.ndarray:
-        """Build a start from values of the parameters, the means of the priors, and relaxed springs.
+        """Build a start from values of the parameters, the means of the priors, and guesses of the starts.
 
         Returns:
             Shape (U,).
         """
-        sensor = [*(getattr(self.sensor, name).mean for name in self.sensor.unknown), *[0.0] * self.starts]
-        return np.concatenate([self.space.to_coordinates(values), *[sensor for _ in self.replicas]])
+        sensor = [getattr(self.sensor, name).mean for name in self.sensor.unknown]
+        parts = [part for one in self.replicas for part in (sensor, one.guess_start(self.offset))]
+        return np.concatenate([self.space.to_coordinates(values), *parts])
 
     def sensed(self, unknowns: np.ndarray, recording: int) -> dict[str, float]:
         """Read what the sensor of a recording does.

@@ -76,6 +76,8 @@ def _start_at(problem: Problem, values: np.ndarray, lag: float, starts: list[np.
 def kick(problem: Problem, unknowns: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Move parameters at random, as far as a wrong minimum may be from the right one.
 
+    Starts that the first row tells begin there again, as wrong parameters may have led them astray.
+
     Args:
         unknowns: of the best fit so far, shape (U,).
 
@@ -85,6 +87,10 @@ def kick(problem: Problem, unknowns: np.ndarray, rng: np.random.Generator) -> np
     count = problem.space.origin.size
     moved = unknowns.copy()
     moved[:count] += _KICK * rng.normal(size=count) * rng.integers(0, 2, count)
+    for i, replica in enumerate(problem.replicas if problem.starts else ()):
+        told = replica.guess_start(problem.offset)
+        if replica.derivative_error or told.any():
+            moved[problem.places(i)[-problem.starts :]] = told
     return np.clip(moved, *problem.bounds)
 
 

@@ -125,7 +125,7 @@ class Replica:
         if self._is_recorded and not self._base.body.bends:
             far = self.start_values * 1.37 + 0.011 * (self.start_values == 0.0)
             with contextlib.suppress(SceneError):
-                self.is_affine = _agree(self._local, differentiate_arrays(self.scene_at(far), self._keys, _CALLER))
+                self.is_affine = _agree(self._local, differentiate_arrays(self._scene_at(far), self._keys, _CALLER))
         self.weight = 1.0 if self.is_affine else np.inf
         self._moves = find_moves(self._base) if unknown_start else None
         self.starts = 0 if self._moves is None else self._base.body.springs
@@ -202,15 +202,7 @@ class Replica:
         found = follow_times(*plan, self.measured.time, self._is_recorded)
         return None if found is None else (plan[0], found[0])
 
-    def scene_at(self, values: np.ndarray) -> Scene:
-        """Build the scene at some values, with the first recorded command and a start that is known or guessed.
-
-        Returns:
-            The scene.
-
-        Raises:
-            SceneError: if the values are not valid.
-        """
+    def _scene_at(self, values: np.ndarray) -> Scene:
         columns = {key: np.array([value]) for key, value in zip(self._keys, values, strict=True)}
         return Variations(self._base, columns, (1,))[0]
 
@@ -251,6 +243,17 @@ class Replica:
             velocity @ matrix.T,
         )
 
+    def guess_start(self, offset: str) -> np.ndarray:
+        """Guess the numbers of an unknown start.
+
+        Args:
+            offset: of the positions, as for `identify`.
+
+        Returns:
+            Those of relaxed springs, shape (S,) [m].
+        """
+        return np.zeros(self.starts)
+
     def balance(self, values: np.ndarray, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...] | None:
         """Compute forces and their bounds at given positions.
 
@@ -281,13 +284,13 @@ class Replica:
         bounds = derivatives.targets[0, springs : springs + 2 * n].reshape(2, n, -1)
         return d_force, bounds, body.spring_force(body.stiffness * body.elongation(np.eye(n))).T
 
-    def relaxed(self, values: np.ndarray) -> np.ndarray | None:
-        """Compute the displacement at the start of the scene.
+    def displacement_at_start(self, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray | None:
+        """Compute the displacement at the start of the recording, of the scene where `start` is left out.
 
         Returns:
             Shape (N,) [m]; None if the values are not valid.
         """
-        plan = self._plan(values, with_derivatives=False)
+        plan = self._begin(self._plan(values, with_derivatives=start is not None), start)
         return None if plan is None else plan[0].start_displacement
 
     def force_at_start(self, values: np.ndarray, start: np.ndarray) -> np.ndarray | None:
@@ -377,7 +380,7 @@ class Replica:
         local, base = self._local, self._base
         if not self.is_affine and not np.array_equal(values, local.values):
             try:
-                base = self.scene_at(values)
+                base = self._scene_at(values)
                 local = dataclasses.replace(local, values=values)
                 if with_derivatives:
                     local = differentiate_arrays(base, self._keys, _CALLER)

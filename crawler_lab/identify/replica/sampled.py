@@ -5,6 +5,7 @@ This holds in the plane, for bodies that turn, on patches of ground, and for bod
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from crawler_model.body.drive import NS
 from crawler_model.crawler.crawler import Crawler
 from crawler_model.errors import CommandError, SceneError
+from crawler_model.run.screw import largest_distance
 from crawler_model.scene.scene import Scene
 
 from ...sweep.vary import Variations
@@ -22,6 +24,7 @@ from ..measurements import Measurements
 from .changes import Change, apply_gain
 from .playback import playback
 from .replica import Prediction, Replica
+from .start import find_moves
 
 _TOLERANCE = 1e-5
 """Of runs in the plane, far below the differences of runs."""
@@ -57,7 +60,7 @@ class SampledReplica(Replica):
 
         Args:
             caller: name of the function, for error messages.
-            unknown_start: has no effect; the start is the scene's.
+            unknown_start: whether the start of the scene, which is relaxed, is only a guess.
 
         Raises:
             SceneError: if a key is unknown or has no effect.
@@ -69,14 +72,16 @@ class SampledReplica(Replica):
             self._base = Scene.model_validate(self._base.document() | {"tolerance": tolerance})
         varied = Variations(self._base, {key: np.zeros(1) for key in keys}, (1,))
         self.start_values = np.array([varied.origin(key) for key in keys])
-        self.weight = _RUN * (1 + 2 * len(keys))
+        self._moves = find_moves(self._base) if unknown_start else None
+        self.starts = 0 if self._moves is None else self._base.body.springs + 1
+        self.weight = _RUN * (1 + 2 * (len(keys) + self.starts))
         self._step = _STEPS[scene.dimension] if scene.body.turning is None else _STEP_OF_TURNING
         self.limits = []  # they are not examined here
 
     @property
     def work(self) -> float:
         """Time of an evaluation on an ordinary processor, by the ticks of its runs [s]."""
-        ticks = self._rows * self.body.contacts * (1 + 2 * self.start_values.size)
+        ticks = self._rows * self.body.contacts * (1 + 2 * (self.start_values.size + self.starts))
         return _TICK[self.body.dimension] * ticks
 
     def _plan(self, values: np.ndarray, with_derivatives: bool = True) -> None:
@@ -97,59 +102,122 @@ class SampledReplica(Replica):
             changes: none.
 
         Returns:
-            The prediction, with a column for each parameter, and the gain. None if no motion exists at the values.
+            The prediction, with a column for each parameter, the gain, and each number of the start. None if no motion
+            exists at the values.
         """
         at = np.rint(np.maximum(self.measured.time - lag, 0.0) * NS).astype(np.int64)
-        count = values.size + with_gain
-        sizes = np.append(np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values)), 1.0)
+        none, first = np.zeros(0), values.size + with_gain
+        point = np.concatenate((values, [gain] if with_gain else none, none if start is None else start))
+        sizes = np.ones(point.size)
+        sizes[: values.size] = np.maximum(np.abs(values), _SMALLEST * np.abs(self.start_values))
+        sizes[first:] = largest_distance(self.body)
         steps = self._step * np.where(sizes > 0.0, sizes, 1.0)
-        moves = [(p, side * steps[p]) for p in range(count) for side in (1.0, -1.0)]
+        moves = [(p, side * steps[p]) for p in range(point.size) for side in (1.0, -1.0)]
 
         def run(move: tuple[int, float] | None) -> tuple[np.ndarray, np.ndarray] | None:
-            moved, more = values.copy(), 0.0
-            if move is not None and move[0] < values.size:
+            moved = point.copy()
+            if move is not None:
                 moved[move[0]] += move[1]
-            elif move is not None:
-                more = move[1]
-            return self._run(moved, gain + more, at)
+            begun = None if start is None else moved[first:]
+            return self._run(moved[: values.size], moved[values.size] if with_gain else gain, at, begun)
 
         with ThreadPoolExecutor(available_cores()) as pool:
             middle, *sides = pool.map(run, [None, *moves])
         if middle is None:
             return None
         x, velocity = middle
-        jacobian = np.zeros((x.shape[1], count, x.shape[0]))
-        for p in range(count):
+        jacobian = np.zeros((x.shape[1], point.size, x.shape[0]))
+        for p in range(point.size):
             ends = [(move[1], side[0]) for move, side in zip(moves, sides, strict=True) if move[0] == p and side]
             rates = [(then - x) / step for step, then in ends]
             if rates:  # of both sides, or of one alone
                 jacobian[:, p] = _combine(rates[0], rates[-1]).T
         return Prediction(x, jacobian, velocity)
 
-    def _run(self, values: np.ndarray, gain: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def guess_start(self, offset: str) -> np.ndarray:
+        """Guess how far rest lengths are from the first command at an unknown start, and where the body stands.
+
+        Args:
+            offset: of the positions, as for `identify`. If channels have none of their own, the first row tells the
+                start, unless values are missing; of a frame only the differences of positions count.
+
+        Returns:
+            Shape (S + 1,) [m]; 0 for relaxed springs where the scene starts.
+        """
+        found, (matrix, added) = np.zeros(self.starts), self.observation
+        if self._moves is None or offset == "each":
+            return found
+        moved = self.measured.values[0] - added - matrix @ self._base.start_displacement
+        if not np.isfinite(moved).all():
+            return found
+        each = np.linalg.lstsq(np.column_stack((matrix @ self._moves, matrix.sum(axis=1))), moved)
+        if each[2] == self.starts:
+            found[:] = each[0]
+            found[-1] *= offset == "none"
+        return found
+
+    def displacement_at_start(self, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray | None:
+        """Compute the displacement at the start of the recording, of the scene where `start` is left out.
+
+        Returns:
+            Shape (N,), in the plane (N, 2) [m]; None if the values are not valid.
+        """
+        scene = self._begun_at(values, 0.0, start)
+        return None if scene is None else scene.start_displacement
+
+    def _run(
+        self, values: np.ndarray, gain: float, at: np.ndarray, start: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray] | None:
         """Compute what is measured at some times [ns], and its rates, each of shape (T, M); None without a motion."""
-        try:
-            scene: Any = self.scene_at(values)
-        except SceneError:
+        scene = self._begun_at(values, gain, start)
+        if scene is None:
             return None
-        if gain:
-            scene = apply_gain(scene, gain)
-        start = scene.start_displacement
-        x, time = np.empty((1, start.size)), np.zeros(1, np.int64)
-        x[0] = start.ravel()
+        begin = scene.start_displacement
+        x, time = np.empty((1, begin.size)), np.zeros(1, np.int64)
+        x[0] = begin.ravel()
         if at[-1] > 0:
             crawler = Crawler(scene)
             ends, targets, *_ = scene.drive.ramps_between(0, np.unique(at[at > 0]))
-            records = np.empty((ends.size, 2 * start.size + crawler.tension.size))
+            records = np.empty((ends.size, 2 * begin.size + crawler.tension.size))
             try:
                 crawler.follow(targets, records)
             except CommandError:
                 return None
-            x, time = np.vstack((x, records[:, : start.size])), np.append(time, ends)
-        rate = np.vstack((np.zeros(start.size), np.diff(x, axis=0) / (np.diff(time) / NS)[:, None]))
+            x, time = np.vstack((x, records[:, : begin.size])), np.append(time, ends)
+        rate = np.vstack((np.zeros(begin.size), np.diff(x, axis=0) / (np.diff(time) / NS)[:, None]))
         matrix, added = self.observation
         rows = np.searchsorted(time, at)
         return x[rows] @ matrix.T + added, rate[rows] @ matrix.T
+
+    def _begun_at(self, values: np.ndarray, gain: float, start: np.ndarray | None) -> Any:
+        """Build the scene with its start; None if there is none at these values."""
+        try:
+            scene: Any = self._scene_at(values)
+        except SceneError:
+            return None
+        if gain:
+            scene = apply_gain(scene, gain)
+        return scene if start is None else self._walk_in(scene, start)
+
+    def _walk_in(self, scene: Any, start: np.ndarray) -> Any:
+        """Let a body whose springs are relaxed somewhere, not beyond a wall, walk to the first command.
+
+        Returns:
+            The scene with this start; None if the motion has too many events.
+        """
+        body, walls, first = scene.body, scene.ground.track.walls, scene.drive.targets[0]
+        far, begin = self._moves @ start[:-1] + start[-1], first.copy()
+        if walls is not None:
+            ahead, behind = walls.find_rooms(body.position, scene.start_displacement + far)
+            far += np.minimum(ahead, 0.0) - np.minimum(behind, 0.0)
+        x = scene.start_displacement + far
+        begin[: body.springs] += body.elongation(far)
+        crawler = Crawler(scene).placed(x, begin)
+        try:
+            crawler.follow(first[None])
+        except CommandError:
+            return None
+        return dataclasses.replace(scene, start_displacement=crawler.displacement)
 
 
 def _combine(ahead: np.ndarray, behind: np.ndarray) -> np.ndarray:

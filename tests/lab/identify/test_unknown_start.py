@@ -255,3 +255,24 @@ def test_a_friction_is_released_that_only_noise_passes() -> None:
     assert not released.residuals.jacobian[:, 4].any()
     assert fit.cost < released.cost < fit.cost + 12.0
     assert all(released.residuals.jacobian[:, p].any() for p in (0, 1, 2, 5))
+
+
+PROFILE = {"profile": {"at": [0.0, 0.12, 0.3, 0.45], "friction": [1.1, 0.8, 1.3, 0.7]}}
+PATCHES = {"patches": [{"from": 0.15, "to": 0.4, "friction": 0.7}], "walls": [{"at": 0.35, "stops": "forward"}]}
+
+
+@pytest.mark.parametrize(("ground", "offset"), [(PROFILE, "none"), (PATCHES, "none"), (PATCHES, "each")])
+def test_a_robot_that_walked_over_ground_that_differs_is_found(ground: dict, offset: str) -> None:
+    """All values were doubtful: neither tensions nor the place at the start were unknowns of the fit."""
+    document = chain(3, friction={"forward": 0.25, "backward": 0.4}, ground=ground)
+    document["body"]["links"] = {"stiffness": 20.0}
+    measured = cut(document, begin=3.0, noise=1e-4)
+    guess = Scene.model_validate(document | {"friction": {"forward": 0.32, "backward": 0.34}})
+    found = identify(guess, [measured], ["friction.forward", "friction.backward"], offset=offset)
+    assert found.model_fits, found.warnings
+    for p, true in zip(found.parameters, (0.25, 0.4), strict=True):
+        assert p.verdict == "identified"
+        assert p.value == pytest.approx(true, rel=5e-3)
+    played = simulate(found.playback(), float(measured.time[-1]), 50.0)
+    errors = played.position - measured.values
+    assert np.abs(errors - (0.0 if offset == "none" else errors[0])).max() < 1e-3
