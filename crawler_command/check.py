@@ -136,7 +136,7 @@ def summarise(run: Trajectory) -> dict[str, Any]:
     """
     scene, body = run.scene, run.scene.body
     directions = _find_directions(scene)
-    slides = run.slid.any(axis=0)
+    slides = np.logical_or(*run.slid)
     printed = io.StringIO()
     _print_findings(run, Screen(file=printed, soft_wrap=True))
     return {
