@@ -8,7 +8,7 @@ import numpy as np
 
 from crawler_model import Scene
 from crawler_model.body.body import Body
-from crawler_model.body.curves import YIELD, Bend, Curve
+from crawler_model.body.curves import YIELD, Curve
 
 from .actions import Actions
 from .kernel.layout import REACH
@@ -91,15 +91,9 @@ def _gives(body: Body, tension: np.ndarray, most: np.ndarray) -> np.ndarray:
         j = bend.spring
         held = float(tension[j]) + sum(slider[YIELD] for slider in bend.sliders)
         ahead = float(most[j]) + bend.backlash + abs(bend.ahead)
-        ends = [_farthest(_with_length(bend, side * ahead), side, held) for side in (1.0, -1.0)]
+        ends = [_farthest(bend.over_elongation(side * ahead), side, held) for side in (1.0, -1.0)]
         give[j] = max(*ends, 0.0) - most[j]
     return np.maximum(give, 0.0)
-
-
-def _with_length(bend: Bend, length: float) -> Curve:
-    """Build the tension of a bent spring over its elongation at a rest length."""
-    actuator = bend.actuator
-    return Curve(actuator.at + length, actuator.value, actuator.first, actuator.last) + bend.passive
 
 
 def _farthest(curve: Curve, side: float, tension: float) -> float:

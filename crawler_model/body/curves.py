@@ -242,6 +242,18 @@ class Bend:
         least = -np.inf if curve.first > 0.0 else float(curve.value[0])
         return least, np.inf if curve.last > 0.0 else float(curve.value[-1])
 
+    def over_elongation(self, actuation: float) -> Curve:
+        """Build the tension of both together over the elongation.
+
+        Args:
+            actuation: L [m].
+
+        Returns:
+            The curve.
+        """
+        actuator = self.actuator
+        return Curve(actuator.at + actuation, actuator.value, actuator.first, actuator.last) + self.passive
+
     def relaxed_elongation(self, actuation: float) -> float:
         """Find the elongation of the least tension or pressure; of several, the one nearest to 0.
 
@@ -251,8 +263,7 @@ class Bend:
         Returns:
             z [m].
         """
-        shifted = Curve(self.actuator.at + actuation, self.actuator.value, self.actuator.first, self.actuator.last)
-        curve = shifted + self.passive
+        curve = self.over_elongation(actuation)
         relaxed = curve.reach(0.0)
         places = np.array([0.0, *curve.at, *relaxed])
         size = np.concatenate((np.abs(curve(places[: 1 + curve.at.size])), np.zeros(len(relaxed))))

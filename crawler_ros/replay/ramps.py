@@ -167,6 +167,11 @@ class RampTable:
         return self.net_translation[ends] - self.net_translation[begins]
 
     @property
+    def resets(self) -> int:
+        """Number of resets between the runs."""
+        return int(self.run[-1]) if self.run.size else 0
+
+    @property
     def turned(self) -> float | None:
         """Angle by which the body turned in the first run between resets [rad]; None where the yaw is not known."""
         return float(self.yaw[self.run == 0][-1] - self.yaw[0]) if self.turns else None

@@ -196,7 +196,7 @@ def _first_difference(one: Replay, two: Replay, name: str, tolerance: float) -> 
         The simulated time of the first difference, and the resets before it; and the largest difference.
     """
     first, most = None, 0.0
-    for run in range(min(_count_resets(one), _count_resets(two)) + 1):
+    for run in range(min(one.table.resets, two.table.resets) + 1):
         times, values = zip(*(_read_run(each.table, run, name) for each in (one, two)), strict=True)
         if min(v.size for v in values) == 0 or values[0].shape[1] != values[1].shape[1]:
             continue
@@ -211,10 +211,6 @@ def _first_difference(one: Replay, two: Replay, name: str, tolerance: float) -> 
             first = float(grid[differs[0]]) / NS, run
         most = max(most, float(apart.max(initial=0.0)))
     return (None, 0, most) if first is None else (*first, most)
-
-
-def _count_resets(replay: Replay) -> int:
-    return int(replay.table.run.max(initial=0))
 
 
 def _read_run(table: RampTable, run: int, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -275,10 +271,8 @@ def print_comparison(found: RunComparison, screen: Console) -> None:
         screen.print(f"{letter}: {run.path}: {name}, {run.seconds:g} s, {len(run.cycles)} cycle(s){problem}")
     for line in _set_ups(one, two):
         screen.print(line)
-    if _count_resets(one) != _count_resets(two):
-        screen.print(
-            f"resets (A / B): {_count_resets(one)} / {_count_resets(two)}; runs of the same number are compared"
-        )
+    if one.table.resets != two.table.resets:
+        screen.print(f"resets (A / B): {one.table.resets} / {two.table.resets}; runs of the same number are compared")
     when, moved = (
         "" if time is None else f"{time:g} s {f'after reset {resets} ' if resets else ''}on"
         for time, resets in zip((found.commands_differ, found.motion_differs), found.resets, strict=True)

@@ -98,7 +98,7 @@ def _notes(replay: Replay) -> tuple[str, ...]:
     """Write what is to be known of the recording as a whole."""
     notes = ["as recorded, not simulated" if replay.comparison is None else f"simulated again: {replay.explanation}"]
     notes += [] if replay.incidents is None else replay.incidents.explain()
-    if replay.table.run.size and replay.table.run[-1] > 0:
+    if replay.table.resets:
         notes.append("runs between resets one after another")
     return tuple(notes)
 

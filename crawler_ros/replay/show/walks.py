@@ -149,7 +149,7 @@ def walk_of_recording(name: str, found: Replay) -> Walk:
         size=found.table.size,
         error=0.0 if found.scene is None else error_of(found.scene),
         turned=None if cycles[0].turned is None else np.array([cycle.turned for cycle in cycles]),
-        resets=int(found.table.run[-1]),
+        resets=found.table.resets,
     )
 
 
