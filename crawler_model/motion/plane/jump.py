@@ -1,7 +1,8 @@
 """A jump: where no equilibrium is left to follow, the body moves at fixed commands to another one.
 
 In each step the energy and the friction of the step are minimised, and springs to where the points are hold the step
-short. Where the path leads depends on these springs: the end is one selection among several.
+short. Short steps follow the path of points in a liquid, whose drag on each is proportional to how stiffly the body
+holds it, and to the velocity. The end of this path is one selection among several.
 """
 
 from __future__ import annotations
@@ -17,15 +18,17 @@ from .implicit_step import solve_stage
 from .stability import decreases, least_eigenvalue, stiffness_of
 from .walk import command_at, work_of
 
-_MOST_STEPS = 20000
+_MOST_STEPS = 200_000
 COLLAPSED = 1e-3
 """Where a link is shorter than this part of its reference length, no equilibrium is looked for any more."""
 _NUDGE = 1e-6
 """An unstable equilibrium is left by a displacement of this part of the shortest link."""
 _STILL = 1e-11
 """A step that is shorter than this part of the shortest link is the last one."""
-_LONG = 0.02
+_LONG = 0.002
 """After a longer step, as a part of the shortest link, the springs are stiffer; after a shorter one, softer."""
+_TOO_LONG = 4.0 * _LONG
+"""A longer step is taken again with stiffer springs: it may lead to another place than the path of short steps."""
 _SOFT = 1e-9
 """Stiffness of the springs, relative to grips, at which a body at rest has arrived; less is rounding."""
 _STIFFEST = 1e6
@@ -128,6 +131,10 @@ def jump(frame, state, target, fraction, moved, account):
     for _ in range(_MOST_STEPS):
         solved, _ = solve_stage(frame, now, base, start, force, eta)
         longest, friction, loads = _measure_step(frame, now, base, start)
+        if solved and longest > _TOO_LONG * frame.shortest and 4.0 * eta <= _STIFFEST:
+            assign(start, base)
+            eta *= 4.0
+            continue
         after = energy_of(frame, now, start)
         if not solved or after - stored + friction - loads > _BALANCED * friction + rounding:
             assign(start, base)

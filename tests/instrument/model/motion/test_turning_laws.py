@@ -207,3 +207,35 @@ def test_a_body_that_creeps_up_to_a_fold_jumps_there(seed):
     assert not any(step.overspent for step in steps)
     assert steps[-1].jumps
     assert all(jump.fraction < 1.0 and jump.loss > 0.0 for jump in steps[-1].jumps)
+
+
+def arch(seed: int) -> dict[str, Any]:
+    """Build the document of two links between heavy feet, whose joint is bent to the other side and back."""
+    rng = np.random.default_rng(seed)
+    points = [[0.0, 0.0], [rng.uniform(0.28, 0.32), rng.uniform(0.05, 0.15)], [0.6, 0.0]]
+    bent = [*rng.uniform(-0.01, 0.03, 2), rng.uniform(1.0, 2.5)]
+    back = [*rng.uniform(-0.01, 0.03, 2), rng.uniform(-1.0, 1.0)]
+    return {
+        "name": "arch",
+        "dimension": 2,
+        "body": {
+            "points": points,
+            "springs": "length",
+            "links": {"stiffness": rng.uniform(30, 200, 2).tolist(), "between": [[0, 1], [1, 2]]},
+            "joints": {"stiffness": [rng.uniform(0.02, 0.3)], "between": [[0, 1, 2]]},
+        },
+        "friction": {"isotropic": [2.5, rng.uniform(0.01, 0.1), 2.5]},
+        "drive": {"times": [0, 1, 2, 3], "period": 3.0, "actuation": [[0, 0, 0], bent, back, [0, 0, 0]]},
+        "tolerance": TOLERANCE,
+    }
+
+
+@pytest.mark.parametrize("seed", range(BODIES))
+def test_where_a_jump_ends_does_not_depend_on_the_rate_of_ticks(seed):
+    """Its path is followed in steps so short that their number does not matter."""
+    scene = Scene.model_validate(arch(seed))
+    whole, *divided = (simulate(scene, 3.0, rate) for rate in (1.0 / 3.0, 7.0 / 3.0, 34.0))
+    for run in divided:
+        assert len(run.jumps) == len(whole.jumps)
+        assert [jump.loss for jump in run.jumps] == pytest.approx([jump.loss for jump in whole.jumps], rel=5e-4)
+        assert run.position[-1] == pytest.approx(whole.position[-1], abs=2e-5)
