@@ -102,7 +102,10 @@ def _check_parts(parts: SceneParts) -> None:
         if names.count(name) > 1:
             raise SceneError(f"body.segments: two segments are named {name!r}; names must be unique")
     if parts.body.links is None and (parts.dimension == 2 or parts.body.gaps > 0):
-        raise SceneError("body.links: missing; give the springs between contacts and segments as {stiffness: ...}")
+        apart = " that do not touch" if parts.body.segments else ""
+        raise SceneError(
+            f"body.links: missing; give the springs between contacts and segments{apart} as {{stiffness: ...}}"
+        )
     if parts.body.places and (parts.friction is None or parts.friction.is_bare):
         raise SceneError("friction: missing; isolated contacts need it")
     if parts.ground is not None and parts.ground.profile is not None:

@@ -135,7 +135,7 @@ def test_links_join_only_parts_that_do_not_touch():
     assert body.ends[body.link_springs].tolist() == [[15, 16]]
     assert body.is_chain
     del data["body"]["links"]
-    with pytest.raises(SceneError, match=r"body.links: missing"):
+    with pytest.raises(SceneError, match=r"body.links: missing; .* segments that do not touch as"):
         Scene.model_validate(data)
 
 
