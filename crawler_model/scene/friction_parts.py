@@ -56,7 +56,7 @@ Deep = Annotated[Any, BeforeValidator(lambda v: _nested(v, 3)), WithJsonSchema(_
 class Part(BaseModel):
     """Base of the parts of a scene: unknown keys are refused, values are fixed."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def key(meaning: str, unit: str = "", *, default: Any = ..., alias: str | None = None, **bounds: float) -> Any:

@@ -304,6 +304,31 @@ def test_the_schema_on_disk_is_that_of_the_code():
     assert json.loads(text) == SceneParts.model_json_schema()
 
 
+TRACK = {"ground": {"patches": [{"from": 0, "to": 1, "friction": 1}]}}
+YIELDS = {"body": {"links": {"stiffness": 1, "hysteresis": [{"stiffness": 1, "yield": 1}]}}}
+
+
+@pytest.mark.parametrize(
+    ("document", "path", "name"),
+    [
+        ({"body": {"segments": [{"name": "t", "from": 0, "to": 1}]}}, "body/segments/0/from", "start"),
+        ({"body": {"segments": [{"name": "t", "from": 0, "to": 1}]}}, "body/segments/0/to", "stop"),
+        (TRACK, "ground/patches/0/from", "start"),
+        (TRACK, "ground/patches/0/to", "stop"),
+        (YIELDS, "body/links/hysteresis/0/yield", "yields_at"),
+    ],
+)
+def test_a_key_has_the_name_of_the_schema_alone(document, path, name):
+    """The attribute of the program that holds it may have another name."""
+    parent = document = copy.deepcopy(document)
+    *steps, key = path.split("/")
+    for step in steps:
+        parent = parent[int(step)] if isinstance(parent, list) else parent[step]
+    parent[name] = parent.pop(key)
+    with pytest.raises(SceneError, match=rf"{re.escape('.'.join(steps))}\.{name}: unknown key"):
+        Scene.model_validate({"name": "x", **document})
+
+
 LINE = {"name": "x", "body": {"contacts": [0, 1], "links": {"stiffness": 1}}, "friction": {"isotropic": 1}}
 TRUNK = {"name": "t", "from": 0, "to": 1, "stiffness": 1, "friction": {"forward": 1, "backward": 2}, "elements": 4}
 SEGMENT = {"name": "x", "body": {"segments": [TRUNK]}}
