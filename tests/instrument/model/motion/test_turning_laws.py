@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate
 
@@ -239,3 +240,46 @@ def test_where_a_jump_ends_does_not_depend_on_the_rate_of_ticks(seed):
         assert len(run.jumps) == len(whole.jumps)
         assert [jump.loss for jump in run.jumps] == pytest.approx([jump.loss for jump in whole.jumps], rel=5e-4)
         assert run.position[-1] == pytest.approx(whole.position[-1], abs=2e-5)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 15])
+def test_a_jump_ends_where_points_in_a_viscous_liquid_come_to_rest(seed):
+    """Independently: the drag is proportional to the velocity, and to the stiffness of all that meets at the point."""
+    document = arch(seed)
+    scene, drive = Scene.model_validate(document), document["drive"]
+    jump = simulate(scene, 3.0, 1.0 / 3.0).jumps[0]
+    start, (stretch_0, stretch_1, turn) = (
+        [np.interp(jump.time * factor, drive["times"], column) for column in np.transpose(drive["actuation"])]
+        for factor in (1.0 - 1e-3, 1.0 + 1e-4)
+    )
+    crawler = Crawler(scene)
+    crawler.advance(start)
+    assert jump.time < 1.0
+    points, body = np.array(document["body"]["points"]), document["body"]
+    lengths, (k_0, k_1), (c,) = np.hypot(*np.diff(points.T)), body["links"]["stiffness"], body["joints"]["stiffness"]
+    k = np.array([k_0, k_1])
+    drag = np.array([k_0, k_0 + k_1, k_1]) + c * np.array([1, 1, 0]) / lengths[0] ** 2
+    drag += c * np.array([0, 1, 1]) / lengths[1] ** 2
+    friction = np.array(document["friction"]["isotropic"])
+
+    def bend(links: np.ndarray) -> float:
+        return float(math.atan2(links[0, 0] * links[1, 1] - links[0, 1] * links[1, 0], links[0] @ links[1]))
+
+    straight = bend(np.diff(points, axis=0))
+
+    def velocity(_: float, place: np.ndarray) -> np.ndarray:
+        links = np.diff(place.reshape(3, 2), axis=0)
+        size = np.hypot(*links.T)
+        pull = (k * (size - lengths - [stretch_0, stretch_1]) / size)[:, None] * links
+        moment = c * (bend(links) - straight - turn)
+        pull -= moment * np.array([1.0, -1.0])[:, None] * (links @ [[0.0, 1.0], [-1.0, 0.0]]) / size[:, None] ** 2
+        force = np.vstack((pull, [0.0, 0.0])) - np.vstack(([0.0, 0.0], pull))
+        most = np.hypot(*force.T)
+        free = np.maximum(most - friction, 0.0) / np.maximum(most, 1e-300) / drag
+        return (free[:, None] * force).ravel()
+
+    at_rest = (points + crawler.displacement).ravel()
+    crept = solve_ivp(velocity, (0.0, 1e5), at_rest, method="LSODA", rtol=1e-9, atol=1e-12).y[:, -1]
+    crawler.advance([stretch_0, stretch_1, turn])
+    assert np.abs(crept - at_rest).max() > 0.1
+    assert (points + crawler.displacement).ravel() == pytest.approx(crept, abs=1e-4)
