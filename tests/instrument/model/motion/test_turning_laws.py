@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from crawler_model import CommandError, Crawler, Scene, load_scene, simulate
+
+from .viscous import creep
 
 TOLERANCE = 1e-5
 BODIES = 200 if os.environ.get("HYPOTHESIS_PROFILE") == "soak" else 8
@@ -231,6 +232,33 @@ def arch(seed: int) -> dict[str, Any]:
     }
 
 
+def thin(seed: int, loaded: bool) -> dict[str, Any]:
+    """Build the document of a tree of three to five points with isotropic friction and three ramps."""
+    rng = np.random.default_rng(seed)
+    points, links, joints = grow(rng, int(rng.integers(3, 6)))
+    friction = 10.0 ** rng.uniform(-1.0, 0.3, len(points))
+    sizes = [0.15] * len(links) + [0.5] * len(joints)
+    drive = {"times": [0, 1, 2, 3], "actuation": (rng.normal(size=(4, len(sizes))) * sizes).tolist()}
+    drive["actuation"][0] = [0.0] * len(sizes)
+    if loaded:
+        angle = rng.uniform(0.0, 2.0 * np.pi, len(points))
+        size = 0.6 * friction * rng.random(len(points))
+        drive["loads"] = [np.column_stack((size * np.cos(angle), size * np.sin(angle))).tolist()] * 4
+    return {
+        "name": "thin",
+        "dimension": 2,
+        "body": {
+            "points": points.tolist(),
+            "springs": "length",
+            "links": {"stiffness": (10.0 ** rng.uniform(1, 2, len(links))).tolist(), "between": links},
+            "joints": {"stiffness": (10.0 ** rng.uniform(-0.3, 1, len(joints))).tolist(), "between": joints},
+        },
+        "friction": {"isotropic": friction.tolist()},
+        "drive": drive,
+        "tolerance": TOLERANCE,
+    }
+
+
 @pytest.mark.parametrize("seed", range(BODIES))
 def test_where_a_jump_ends_does_not_depend_on_the_rate_of_ticks(seed):
     """Its path is followed in steps so short that their number does not matter."""
@@ -244,42 +272,28 @@ def test_where_a_jump_ends_does_not_depend_on_the_rate_of_ticks(seed):
 
 @pytest.mark.parametrize("seed", [1, 3, 15])
 def test_a_jump_ends_where_points_in_a_viscous_liquid_come_to_rest(seed):
-    """Independently: the drag is proportional to the velocity, and to the stiffness of all that meets at the point."""
     document = arch(seed)
     scene, drive = Scene.model_validate(document), document["drive"]
     jump = simulate(scene, 3.0, 1.0 / 3.0).jumps[0]
-    start, (stretch_0, stretch_1, turn) = (
-        [np.interp(jump.time * factor, drive["times"], column) for column in np.transpose(drive["actuation"])]
-        for factor in (1.0 - 1e-3, 1.0 + 1e-4)
-    )
-    crawler = Crawler(scene)
-    crawler.advance(start)
     assert jump.time < 1.0
-    points, body = np.array(document["body"]["points"]), document["body"]
-    lengths, (k_0, k_1), (c,) = np.hypot(*np.diff(points.T)), body["links"]["stiffness"], body["joints"]["stiffness"]
-    k = np.array([k_0, k_1])
-    drag = np.array([k_0, k_0 + k_1, k_1]) + c * np.array([1, 1, 0]) / lengths[0] ** 2
-    drag += c * np.array([0, 1, 1]) / lengths[1] ** 2
-    friction = np.array(document["friction"]["isotropic"])
+    crawler, places = Crawler(scene), []
+    for time in (jump.time * (1.0 - 1e-3), jump.time * (1.0 + 1e-4)):
+        command = [np.interp(time, drive["times"], column) for column in np.transpose(drive["actuation"])]
+        crawler.advance(command)
+        places.append(scene.body.position + crawler.displacement)
+    held = document | {"drive": {"times": [0, 1], "actuation": [command, command]}}
+    assert np.abs(places[1] - places[0]).max() > 0.1
+    assert places[1] == pytest.approx(creep(held, places[0], [0.0, 1.0], 1e5), abs=1e-4)
 
-    def bend(links: np.ndarray) -> float:
-        return float(math.atan2(links[0, 0] * links[1, 1] - links[0, 1] * links[1, 0], links[0] @ links[1]))
 
-    straight = bend(np.diff(points, axis=0))
-
-    def velocity(_: float, place: np.ndarray) -> np.ndarray:
-        links = np.diff(place.reshape(3, 2), axis=0)
-        size = np.hypot(*links.T)
-        pull = (k * (size - lengths - [stretch_0, stretch_1]) / size)[:, None] * links
-        moment = c * (bend(links) - straight - turn)
-        pull -= moment * np.array([1.0, -1.0])[:, None] * (links @ [[0.0, 1.0], [-1.0, 0.0]]) / size[:, None] ** 2
-        force = np.vstack((pull, [0.0, 0.0])) - np.vstack(([0.0, 0.0], pull))
-        most = np.hypot(*force.T)
-        free = np.maximum(most - friction, 0.0) / np.maximum(most, 1e-300) / drag
-        return (free[:, None] * force).ravel()
-
-    at_rest = (points + crawler.displacement).ravel()
-    crept = solve_ivp(velocity, (0.0, 1e5), at_rest, method="LSODA", rtol=1e-9, atol=1e-12).y[:, -1]
-    crawler.advance([stretch_0, stretch_1, turn])
-    assert np.abs(crept - at_rest).max() > 0.1
-    assert (points + crawler.displacement).ravel() == pytest.approx(crept, abs=1e-4)
+@pytest.mark.parametrize("loaded", [False, True])
+@pytest.mark.parametrize("seed", range(BODIES))
+def test_bodies_go_where_points_in_a_thin_liquid_go(seed, loaded):
+    """The liquid delays all motion by a time that becomes a tenth where commands take ten times as long."""
+    document = thin(seed, loaded)
+    run = simulate(Scene.model_validate(document), 3.0, 1.0)
+    start = np.array(document["body"]["points"])
+    quick, slow = (creep(document, start, document["drive"]["times"], seconds) for seconds in (1e3, 1e4))
+    delay = np.abs(quick - slow).max()
+    assert delay < 1.0
+    assert run.position[-1] == pytest.approx(slow, abs=0.4 * delay + 2e-4)
